@@ -200,9 +200,11 @@ class Service:
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
     def processor_time_s(self) -> float:
-        """Return the processor time that the process has used, in steps of 10 ms."""
-        user_and_system = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()[11:13]
-        return sum(map(int, user_and_system)) / os.sysconf("SC_CLK_TCK")
+        """Return the processor time that the process has used, and those that it started, in steps of 10 ms."""
+        children = Path(f"/proc/{self._process.pid}/task").glob("*/children")
+        processes = [str(self._process.pid), *(pid for thread in children for pid in thread.read_text().split())]
+        stats = [Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split() for process in processes]
+        return sum(int(ticks) for stat in stats for ticks in stat[11:13]) / os.sysconf("SC_CLK_TCK")
 
 
 #: Of each way, of each of many senders, and one for the memory.

@@ -1,9 +1,9 @@
 """Processor time of a window sent one by one, of the service and of the least service, as a share of the bare core's.
 
 ``python -m benchmarks.ingest_cost``: what :mod:`benchmarks.ingest` times by the clock, counted in processor time of the
-process that serves, so that it may be drawn while others use the machine. Waiting for the disk is not in it, nor is the
-sender. A turn is several measurements in a row, by the bare core, by the least service (``--judging``) and by ours, on
-an axis with a history.
+process that serves and of those that it starts, so that it may be drawn while others use the machine. Waiting for the
+disk is not in it, nor is the sender. A turn is several measurements in a row, by the bare core, by the least service
+(``--judging``) and by ours, on an axis with a history.
 """
 
 import argparse

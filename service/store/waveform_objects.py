@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from service.errors import DataFolderError
-from service.store.waveform_files import FOLDER, SUFFIX, read_frame
+from service.store.waveform_files import FOLDER, SUFFIX, Content, read_frame, write_whole
 
 #: Fetched at once: a frame of a few windows as a whole.
 _BLOCK_BYTES = 2**20
@@ -36,9 +36,11 @@ class ObjectFiles:
         # Others write there, too: nothing of it is remembered.
         self._store: Any = S3FileSystem(use_listings_cache=False, skip_instance_cache=True, config_kwargs=_PATIENCE)
 
-    def append(self, axis_id: str, folder: str) -> "_ObjectFrame":
-        """Begin an object."""
-        return self.create(f"{folder}/{uuid.uuid4().hex}{SUFFIX}")
+    def append(self, axis_id: str, folder: str, content: Content, size: int) -> "_ObjectFrame":
+        """Write an object."""
+        frame = self.create(f"{folder}/{uuid.uuid4().hex}{SUFFIX}")
+        write_whole(frame, content, size)
+        return frame
 
     def read(self, path: str, offset: int) -> bytes:
         """Return the content of a frame."""
@@ -68,6 +70,9 @@ class ObjectFiles:
         with _as_of_a_disk():
             found = self._store.find(f"{self._root}/{FOLDER}", detail=True)
         return ((path.removeprefix(f"{self._root}/"), int(entry["size"])) for path, entry in found.items())
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to end."""
 
 
 class _ObjectFrame:

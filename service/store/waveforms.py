@@ -20,12 +20,10 @@ from typing import Self
 import zstandard
 
 from monitor_core.recording import Window
-from service.errors import StorageError, WaveformDamagedError
+from service.errors import WaveformDamagedError
 from service.store.waveform_files import FOLDER, FolderFiles, OpenFrame, WaveformFiles, compressed, storage_errors
 from service.store.window_format import content_sha256, pack_windows, size_of, unpack_windows
 
-#: Vibration is mostly noise: level 1 gains within a percent of what level 9 gains, at a tenth of the time.
-COMPRESSION_LEVEL = 1
 WRITERS = 4
 #: Windows that were written last are kept in memory: those of an open measurement are wanted again within minutes.
 REMEMBERED_BYTES = 64 * 2**20
@@ -107,26 +105,19 @@ class WaveformStore:
         return Writing(self, begun)
 
     def close(self) -> None:
-        """Wait for what is being written."""
+        """Wait for what is being written, and write nothing more."""
         self._writers.shutdown()
+        self.files.close()
 
     def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Frame":
         """Give the windows to the operating system or whoever keeps them, which begins to write them."""
         with storage_errors():
-            opened = self.files.append(axis_id, f"{folder_of_day(received_at)}/{axis_id}")
+            folder, content = f"{folder_of_day(received_at)}/{axis_id}", partial(pack_windows, windows)
+            opened = self.files.append(axis_id, folder, content, size_of(windows))
         path, offset = opened.path, opened.offset
-        places = [WaveformPlace(path, offset, index, content_sha256(window)) for index, window in enumerate(windows)]
-        frame = _Frame(opened, places)
-        try:
-            with storage_errors():
-                for part in compressed(lambda: pack_windows(windows), size_of(windows), COMPRESSION_LEVEL):
-                    opened.write(part)
-                opened.end()
-        except StorageError:
-            self.take_back(frame)
-            raise
         self._recent.add((path, offset), windows)
-        return frame
+        places = [WaveformPlace(path, offset, index, content_sha256(window)) for index, window in enumerate(windows)]
+        return _Frame(opened, places)
 
     def sync(self, frame: "_Frame") -> None:
         """Wait until a frame is durable."""
@@ -184,7 +175,7 @@ class WaveformStore:
                     frame = list(group)
                     moved += [WaveformPlace(path, offset, i, place.content_sha256) for i, place in enumerate(frame)]
                     windows = self.read(frame)
-                    for part in compressed(partial(pack_windows, windows), size_of(windows), COMPRESSION_LEVEL):
+                    for part in compressed(partial(pack_windows, windows), size_of(windows)):
                         file.write(part)
                         offset += len(part)
                 file.end()

@@ -3,6 +3,7 @@
 import errno
 import mmap
 import os
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import zstandard
 from monitor_core.recording import Conditions, Window
 from service.errors import StorageError, WaveformDamagedError
 from service.store import waveform_files, waveforms
+from service.store.frame_writer import FrameWriter
+from service.store.waveform_files import FolderFiles
 from service.store.waveforms import WaveformPlace, WaveformStore
 from service.store.window_format import content_sha256
 from tests.service.conftest import START
@@ -27,10 +30,16 @@ def window(seed: int, n_samples: int = 1000) -> Window:
     return Window(excitation, response, 1024.0, START, Conditions(0.5), f"m{seed}")
 
 
-@pytest.mark.parametrize("n_samples", [1000, 200_000])  # packed at once, and handed over to a thread
-def test_what_was_written_is_read_back(tmp_path: Path, n_samples: int) -> None:
+@pytest.fixture(params=[False, True], ids=["written here", "written by a process"])
+def store(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[WaveformStore]:
+    store = WaveformStore(FolderFiles(tmp_path, FrameWriter() if request.param else None))
+    yield store
+    store.close()
+
+
+@pytest.mark.parametrize("n_samples", [1000, 200_000])  # small enough for one step, and handed over to a thread
+def test_what_was_written_is_read_back(store: WaveformStore, tmp_path: Path, n_samples: int) -> None:
     posted = [window(1, n_samples), window(2, n_samples)]
-    store = WaveformStore(tmp_path)
     with store.begin_write("axis", posted, NOW) as writing:
         places = writing.sync()
         writing.keep()
@@ -48,8 +57,10 @@ def written(store: WaveformStore, item: Window, at: datetime = NOW) -> WaveformP
     return place
 
 
-def test_file_grows_request_by_request_and_is_plain_zstd_around_messagepack(tmp_path: Path) -> None:
-    store, posted = WaveformStore(tmp_path), [window(seed) for seed in range(3)]
+def test_file_grows_request_by_request_and_is_plain_zstd_around_messagepack(
+    store: WaveformStore, tmp_path: Path
+) -> None:
+    posted = [window(seed) for seed in range(3)]
     places = [written(store, item) for item in posted]
     assert [place.path for place in places] == [places[0].path] * 3
     fresh = WaveformStore(tmp_path).read(places[::-1])
@@ -79,8 +90,7 @@ def test_next_frame_reads_nothing_back(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("n_samples", [1000, 200_000])
 @pytest.mark.parametrize("n_before", [0, 2])
-def test_what_is_not_kept_is_taken_back(tmp_path: Path, n_samples: int, n_before: int) -> None:
-    store = WaveformStore(tmp_path)
+def test_what_is_not_kept_is_taken_back(store: WaveformStore, tmp_path: Path, n_samples: int, n_before: int) -> None:
     before = [written(store, window(seed)) for seed in range(n_before)]
     size = sum(file.stat().st_size for file in tmp_path.rglob("*.zst"))
     with store.begin_write("axis", [window(10, n_samples)], NOW) as writing:
@@ -95,8 +105,7 @@ def test_what_is_not_kept_is_taken_back(tmp_path: Path, n_samples: int, n_before
     ]
 
 
-def test_another_file_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store = WaveformStore(tmp_path)
+def test_another_file_is_begun(store: WaveformStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = written(store, window(0))
     next_day = written(store, window(1), NOW + timedelta(days=1))
     assert (first.path.split("/")[:4], next_day.path.split("/")[:4]) == (

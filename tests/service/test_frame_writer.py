@@ -1,0 +1,199 @@
+"""Small frames are written by a process of its own: what its disk says, what becomes of it, and what then."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from service.errors import StorageError
+from service.store.frame_writer import PLACES, FrameWriter
+from service.store.waveform_files import FolderFiles
+from service.store.waveforms import WaveformStore
+from tests.service.test_waveforms import NOW, window, written
+
+
+def writing_processes(service: int) -> list[int]:
+    """Return the numbers of the processes that write frames for a service, given the number of its own."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            command, stat = (entry / "cmdline").read_bytes(), (entry / "stat").read_text()
+        except (FileNotFoundError, ProcessLookupError):  # it has ended meanwhile
+            continue
+        if b"service.store.frame_process" in command and int(stat.rpartition(")")[2].split()[1]) == service:
+            found.append(int(entry.name))
+    return found
+
+
+def is_running(process: int) -> bool:
+    try:
+        return "(zombie)" not in Path(f"/proc/{process}/status").read_text()
+    except FileNotFoundError:
+        return False
+
+
+def await_end(process: int) -> None:
+    for _ in range(500):
+        if not is_running(process):
+            return
+        time.sleep(0.02)
+    raise AssertionError(f"process {process} is still running")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[WaveformStore]:
+    store = WaveformStore(FolderFiles(tmp_path, FrameWriter()))
+    yield store
+    store.close()
+    assert writing_processes(os.getpid()) == []
+
+
+def content_of(folder: Path) -> bytes:
+    (file,) = folder.rglob("*.zst")
+    return file.read_bytes()
+
+
+def test_process_starts_with_the_first_frame_and_writes_what_this_one_would(
+    store: WaveformStore, tmp_path: Path
+) -> None:
+    assert writing_processes(os.getpid()) == []
+    ours = WaveformStore(tmp_path / "ours")
+    for seed in range(3):
+        written(store, window(seed))
+        written(ours, window(seed))
+    assert len(writing_processes(os.getpid())) == 1
+    assert content_of(tmp_path / "raw") == content_of(tmp_path / "ours")
+
+
+def test_frames_of_many_axes_are_under_way_at_once_and_waited_for_in_any_order(
+    store: WaveformStore, tmp_path: Path
+) -> None:
+    """More than there are places: the rest is written here."""
+    n_axes = PLACES + 3
+    with ExitStack() as open_frames:
+        frames = [
+            open_frames.enter_context(store.begin_write(f"axis-{i}", [window(i)], NOW)) for i in reversed(range(n_axes))
+        ]
+        places = [place for frame in frames for place in frame.sync()]
+        for frame in frames:
+            frame.keep()
+    assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == [
+        f"m{i}" for i in reversed(range(n_axes))
+    ]
+    written(store, window(0))  # and the places are free again
+
+
+def test_what_the_disk_refuses_there_is_said_here(store: WaveformStore, tmp_path: Path) -> None:
+    first = written(store, window(0))
+    (process,) = writing_processes(os.getpid())
+    size = len(content_of(tmp_path))
+    unlimited = resource.prlimit(process, resource.RLIMIT_FSIZE, (size + 100, resource.RLIM_INFINITY))
+    with store.begin_write("axis", [window(1)], NOW) as writing, pytest.raises(StorageError, match="File too large"):
+        writing.sync()
+    assert len(content_of(tmp_path)) == size  # what was written of it is gone
+    resource.prlimit(process, resource.RLIMIT_FSIZE, unlimited)
+    second = written(store, window(2))
+    assert second.path != first.path  # as of every file that failed
+    assert [item.measurement for item in WaveformStore(tmp_path).read([first, second])] == ["m0", "m2"]
+
+
+def test_frame_that_nobody_waits_for_is_taken_back_whole(store: WaveformStore, tmp_path: Path) -> None:
+    """Its windows turn out to contradict stored ones, say: what is still being written must not come afterwards."""
+    written(store, window(0))
+    size = len(content_of(tmp_path))
+    for seed in range(20):
+        with store.begin_write("axis", [window(seed, 60_000)], NOW):
+            pass
+        assert len(content_of(tmp_path)) == size
+
+
+def test_process_that_is_killed_costs_one_request(
+    store: WaveformStore, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = written(store, window(0))
+    (process,) = writing_processes(os.getpid())
+    os.kill(process, signal.SIGSTOP)  # it has the next frame, and does nothing with it
+    with store.begin_write("axis", [window(1)], NOW) as writing:
+        os.kill(process, signal.SIGKILL)
+        with pytest.raises(StorageError, match=r"the process that writes them has ended\); nothing of the request"):
+            writing.sync()
+    places = [first, *(written(store, window(seed)) for seed in (2, 3))]
+    assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == ["m0", "m2", "m3"]
+    assert caplog.text.count("from now on the service does it") == 1
+
+
+def test_process_that_has_ended_is_found_out_before_anything_is_handed_over(
+    store: WaveformStore, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    places = [written(store, window(0))]
+    (process,) = writing_processes(os.getpid())
+    os.kill(process, signal.SIGKILL)
+    await_end(process)
+    places += [written(store, window(seed)) for seed in (1, 2)]
+    assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == ["m0", "m1", "m2"]
+    assert caplog.text.count("from now on the service does it") == 1
+
+
+def test_machine_that_starts_no_process_writes_here(
+    store: WaveformStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(12, "Cannot allocate memory")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    places = [written(store, window(seed)) for seed in range(2)]
+    assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == ["m0", "m1"]
+    assert caplog.text.count("cannot be started") == 1
+
+
+def test_what_ends_a_service_gently_leaves_its_process_to_it(store: WaveformStore, tmp_path: Path) -> None:
+    """A terminal interrupts all, and systemd terminates all: frames under way are still wanted."""
+    places = [written(store, window(0))]
+    (process,) = writing_processes(os.getpid())
+    assert os.getsid(process) == process
+    os.kill(process, signal.SIGTERM)
+    places.append(written(store, window(1)))
+    assert writing_processes(os.getpid()) == [process]
+    assert len(WaveformStore(tmp_path).read(places)) == 2
+
+
+_SERVICE = """
+import sys, time
+from pathlib import Path
+from service.store.frame_writer import FrameWriter
+from service.store.waveform_files import FolderFiles
+from service.store.waveforms import WaveformStore
+from tests.service.test_waveforms import window, written
+written(WaveformStore(FolderFiles(Path(sys.argv[1]), FrameWriter())), window(0))
+print("written", flush=True)
+time.sleep(600)
+"""
+
+
+def test_process_does_not_outlive_a_service_that_is_killed(tmp_path: Path) -> None:
+    service = subprocess.Popen([sys.executable, "-c", _SERVICE, str(tmp_path)], stdout=subprocess.PIPE)
+    with service:
+        assert service.stdout is not None
+        assert service.stdout.readline() == b"written\n"
+        (process,) = writing_processes(service.pid)
+        service.kill()
+    await_end(process)
+
+
+def test_service_is_not_taken_from_the_folder_that_it_is_started_in(tmp_path: Path) -> None:
+    """A user's own folder may be called ``service``."""
+    (tmp_path / "service").mkdir()
+    (tmp_path / "service" / "__init__.py").write_text("raise SystemExit('of somebody else')")
+    code = _SERVICE.replace("time.sleep(600)", "") + "\nimport os; print(len(os.listdir('raw')))"
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-P", "-c", code, str(tmp_path)]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "written\n1\n"
+    assert "somebody else" not in done.stderr
