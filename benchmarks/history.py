@@ -24,6 +24,7 @@ import numpy as np
 from sqlalchemy import func, select, text, update
 
 from benchmarks.hostile_connections import service
+from benchmarks.processes import processor_time_s
 from monitor_core.pipeline import AxisState
 from monitor_core.trend import DetectorSettings, DetectorState, Observation, design_detector, step
 from service.json_types import JsonObject
@@ -264,11 +265,10 @@ def tables() -> None:
 
 
 def spent(pid: int) -> tuple[float, float]:
-    """Return the processor time of a process, and the largest memory that it has had [s, MiB]."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    """Return the processor time of a process and its own, and the largest memory that it has had [s, MiB]."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
     peak = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), int(peak) / 1024
+    return processor_time_s(pid), int(peak) / 1024
 
 
 @contextmanager

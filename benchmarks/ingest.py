@@ -37,6 +37,7 @@ import msgpack
 import numpy as np
 import scipy.signal
 
+from benchmarks.processes import processor_time_s
 from monitor_core.pipeline import check_window, judge_measurement
 from monitor_core.preload import Calibration, ModalReading, Weighting, calibrate
 from monitor_core.recording import Conditions, ExcitationSource, Rejection, Window
@@ -201,10 +202,7 @@ class Service:
 
     def processor_time_s(self) -> float:
         """Return the processor time that the process has used, and those that it started, in steps of 10 ms."""
-        children = Path(f"/proc/{self._process.pid}/task").glob("*/children")
-        processes = [str(self._process.pid), *(pid for thread in children for pid in thread.read_text().split())]
-        stats = [Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split() for process in processes]
-        return sum(int(ticks) for stat in stats for ticks in stat[11:13]) / os.sysconf("SC_CLK_TCK")
+        return processor_time_s(self._process.pid)
 
 
 #: Of each way, of each of many senders, and one for the memory.

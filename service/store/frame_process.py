@@ -6,34 +6,32 @@ It ends when the other end of its socket is closed, as the system does when the 
 import errno
 import mmap
 import os
-import signal
 import socket
 import sys
+from contextlib import suppress
 from io import FileIO
 
-from service.store.frame_writer import ANSWER, MOST_BYTES, PLACES, REQUEST
+from service.store.frame_writer import ANSWER, REQUEST
 from service.store.waveform_files import compressed_at_once, give_back_cache, write_all
 
 
 def main() -> None:
     """Write one frame after another, in the order in which they are handed over."""
-    # What ends a service is often sent to all its processes: the service ends this one, when nothing more is to come.
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     service = socket.socket(fileno=int(sys.argv[1]))
-    contents = memoryview(mmap.mmap(int(sys.argv[2]), PLACES * MOST_BYTES))
-    while True:
-        request, files, _, _ = socket.recv_fds(service, REQUEST.size, 1)
-        if not request:
-            return
-        place, size = REQUEST.unpack(request)
-        content = contents[place * MOST_BYTES :][:size]
-        service.sendall(ANSWER.pack(place, _append(files[0], content)))
+    contents = memoryview(mmap.mmap(int(sys.argv[2]), 0))
+    with suppress(ConnectionError):  # nobody is left to be told
+        while True:
+            request, files, _, _ = socket.recv_fds(service, REQUEST.size, 1)
+            if not request:
+                return
+            begin, size = REQUEST.unpack(request)
+            service.sendall(ANSWER.pack(begin, _write(files[0], contents[begin : begin + size])))
 
 
-def _append(descriptor: int, content: memoryview) -> int:
-    """Append a frame to an open file and close it here; return the number of the error, 0 if there is none."""
+def _write(descriptor: int, content: memoryview) -> int:
+    """Write a frame where an open file stands, and close it here; return the number of the error, 0 for none."""
     try:
-        with FileIO(descriptor, "a") as file:
+        with FileIO(descriptor, "r+") as file:  # the service opened it, and tells where the frame begins
             write_all(file, compressed_at_once(content))
             give_back_cache(file)
             os.fsync(descriptor)

@@ -8,13 +8,15 @@ import errno
 import logging
 import mmap
 import os
+import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
 from io import FileIO
+from pathlib import Path
 from struct import Struct
 
 log = logging.getLogger(__name__)
@@ -23,10 +25,10 @@ log = logging.getLogger(__name__)
 MOST_BYTES = 512 * 1024
 #: So many are under way at once, as many as requests are taken at once.
 PLACES = 32
-#: Which place of the memory holds a content, and how many bytes; with it comes the file.
-REQUEST = Struct("<II")
-#: Which place was written, and the number of the error, 0 if there was none.
-ANSWER = Struct("<II")
+#: Where in the shared memory a content begins, and how many bytes it takes; with it comes the file.
+REQUEST = Struct("<QQ")
+#: Where the content began that was written, and the number of the error, 0 if there was none.
+ANSWER = Struct("<QQ")
 
 
 class FrameWriter:
@@ -37,18 +39,19 @@ class FrameWriter:
         self._process: _FrameProcess | None = None
         self._starts = True
 
-    def take(self, file: FileIO, content: Iterable[bytes | memoryview]) -> "HandedOver | None":
-        """Begin to append content, as one compressed frame, to a file that stands at its end.
+    def take(self, file: FileIO, content: Callable[[], Iterable[bytes | memoryview]]) -> "HandedOver | None":
+        """Begin to write content, as one compressed frame, where a file stands.
 
         None: it is left to whoever asks, and nothing was written.
         """
-        process, parts = self._at_hand(), list(content)
-        if process is None or sum(map(len, parts)) > MOST_BYTES:
+        process = self._at_hand()
+        if process is None:
             return None
-        return process.take(file, parts)
+        parts = list(content())
+        return process.take(file, parts) if sum(map(len, parts)) <= MOST_BYTES else None
 
     def close(self) -> None:
-        """Let the process finish what it has, and end."""
+        """Let the process finish what it has, and end; what comes afterwards is left to whoever asks."""
         with self._guard:
             process, self._process, self._starts = self._process, None, False
         if process is not None:
@@ -70,13 +73,23 @@ class HandedOver:
 
     def __init__(self, process: "_FrameProcess", place: int) -> None:
         self._process = process
-        self._place: int | None = place  # None: it was waited for
+        self._place = place
+        self._waits = True
 
     def wait(self) -> None:
-        """Wait until it is on disk. Raises OSError, the first time, if it is not; nobody writes there any more then."""
-        place, self._place = self._place, None
-        if place is not None:
-            self._process.wait(place)
+        """Wait until it is on disk. Raises OSError, the first time, if it is not; nobody writes it any more then."""
+        if not self._waits:
+            return
+        error = self._process.error_at(self._place)
+        self._waits = False  # not before: whatever else ends the waiting, it may still be written
+        if error == _ENDED:
+            raise OSError(errno.EIO, "the process that writes them has ended")
+        if error:
+            raise OSError(error, os.strerror(error))
+
+
+#: Stands for the number of an error.
+_ENDED = -1
 
 
 class _FrameProcess:
@@ -84,7 +97,7 @@ class _FrameProcess:
 
     def __init__(self) -> None:
         self.has_ended = False
-        self._free = list(range(PLACES))  # the last that became free is in the cache of the processor
+        self._free = list(range(0, PLACES * MOST_BYTES, MOST_BYTES))  # the last one is in the cache of the processor
         self._errors: dict[int, int] = {}  # that were answered, by place
         self._answers = threading.Lock()
         with ExitStack() as both, ExitStack() as ours:
@@ -93,15 +106,12 @@ class _FrameProcess:
             both.callback(theirs.close)
             shared = os.memfd_create("frames")
             both.callback(os.close, shared)
-            os.ftruncate(shared, PLACES * MOST_BYTES)
-            self._memory = mmap.mmap(shared, PLACES * MOST_BYTES)
+            os.posix_fallocate(
+                shared, 0, PLACES * MOST_BYTES
+            )  # what cannot be had is refused here, not when it is used
+            self._memory = mmap.mmap(shared, 0)
             ours.callback(self._memory.close)
-            # -P: nothing is taken from the folder that the service happens to be started in. In a session of its own:
-            # who interrupts the service at a terminal lets it finish.
-            command = [sys.executable, "-P", "-m", "service.store.frame_process", str(theirs.fileno()), str(shared)]
-            self._process = subprocess.Popen(  # noqa: S603  # our own
-                command, pass_fds=(theirs.fileno(), shared), stdin=subprocess.DEVNULL, start_new_session=True
-            )
+            self._process = _started(theirs.fileno(), shared)
             self._kept = ours.pop_all()
 
     def take(self, file: FileIO, parts: Iterable[bytes | memoryview]) -> HandedOver | None:
@@ -109,39 +119,77 @@ class _FrameProcess:
             place = self._free.pop()
         except IndexError:
             return None
-        begin = at = place * MOST_BYTES
+        end = place
         for part in parts:
-            self._memory[at : at + len(part)] = part
-            at += len(part)
+            self._memory[end : end + len(part)] = part
+            end += len(part)
         try:
-            socket.send_fds(self._socket, [REQUEST.pack(place, at - begin)], [file.fileno()])
-        except OSError:
-            self._note_end()
+            socket.send_fds(self._socket, [REQUEST.pack(place, end - place)], [file.fileno()])
+        except OSError as error:
+            self._free.append(place)
+            if isinstance(error, ConnectionError):
+                self._note_end()
             return None
         return HandedOver(self, place)
 
-    def wait(self, place: int) -> None:
+    def error_at(self, place: int) -> int:
+        """Wait until what lies in a place is written or never will be; return the number of the error, 0 for none."""
         with self._answers:
             while place not in self._errors:
-                try:
-                    answer = self._socket.recv(ANSWER.size, socket.MSG_WAITALL)
-                except ConnectionError:  # it had not read all that it was sent
-                    answer = b""
-                if len(answer) < ANSWER.size:
+                if not self._is_answered():
                     self._note_end()
-                    raise OSError(errno.EIO, "the process that writes them has ended")
-                answered, error = ANSWER.unpack(answer)
-                self._errors[answered] = error
-            error = self._errors.pop(place)
-        self._free.append(place)
-        if error:
-            raise OSError(error, os.strerror(error))
+                    return _ENDED
+            self._free.append(place)
+            return self._errors.pop(place)
 
     def close(self) -> None:
-        self._kept.close()  # with the socket, which is the end of what it waits for
+        with suppress(OSError):  # it may have ended
+            self._socket.shutdown(socket.SHUT_WR)  # nothing follows: it answers what it has, and ends
+        with self._answers:
+            while self._is_answered():
+                pass
+            self.has_ended = True
+            self._kept.close()
         self._process.wait()
+
+    def _is_answered(self) -> bool:
+        """Take the next answer; False: none comes any more."""
+        try:
+            answer = b"" if self.has_ended else self._socket.recv(ANSWER.size, socket.MSG_WAITALL)
+        except ConnectionError:  # it had not read all that it was sent
+            answer = b""
+        if len(answer) == ANSWER.size:
+            place, error = ANSWER.unpack(answer)
+            self._errors[place] = error
+        return bool(answer)
 
     def _note_end(self) -> None:
         if not self.has_ended:
-            log.error("the process that writes waveforms has ended: from now on the service does it, more slowly")
-        self.has_ended = True
+            self.has_ended = True
+            with suppress(subprocess.TimeoutExpired):  # its socket is closed: it ends at this moment
+                self._process.wait(1.0)
+            log.error(
+                "the process that writes waveforms has ended (exit code %s): the service does it now, more slowly",
+                self._process.returncode,
+            )
+
+
+def _started(socket_end: int, memory: int) -> "subprocess.Popen[bytes]":
+    """Start the process, of the same program as this one, out of the reach of what ends a service gently.
+
+    That is often sent to all processes of a service, and this one is ended by the service when nothing more is to come.
+    """
+    # -P: nothing is taken from the folder that the service happens to be started in
+    command = [sys.executable, "-P", "-m", "service.store.frame_process", str(socket_end), str(memory)]
+    places = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    # What is blocked here, is so there from the first moment on.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    try:
+        return subprocess.Popen(  # noqa: S603  # our own
+            command,
+            pass_fds=(socket_end, memory),
+            stdin=subprocess.DEVNULL,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, places))},
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -240,7 +240,7 @@ class _FolderFrame:
 
     def is_taken_by(self, writer: FrameWriter, content: Content) -> bool:
         """Hand the frame over as a whole, if the writer takes it."""
-        self._handed_over = writer.take(self._file, content())
+        self._handed_over = writer.take(self._file, content)
         return self._handed_over is not None
 
     def write(self, part: bytes) -> None:
@@ -265,10 +265,10 @@ class _FolderFrame:
 
     def take_back(self) -> None:
         """Remove the frame. It is the last of its file: an axis is written by one thread at a time."""
-        if self._handed_over is not None:
-            with suppress(OSError):  # whatever came of it
-                self._handed_over.wait()
         with self._file, suppress(OSError):
+            if self._handed_over is not None:
+                with suppress(OSError), self._given_up_where_it_fails():
+                    self._handed_over.wait()
             if self.offset:
                 self._file.truncate(self.offset)
             else:

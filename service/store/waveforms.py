@@ -85,7 +85,7 @@ class WaveformStore:
     """Writes and reads frames of windows, below one folder or in other files.
 
     Each store begins files of its own, so that several may share a place. In one store an axis is written by one
-    thread at a time.
+    thread at a time. A store is closed by whoever made it, with the files that it was given.
     """
 
     def __init__(self, where: Path | WaveformFiles) -> None:
@@ -115,8 +115,12 @@ class WaveformStore:
             folder, content = f"{folder_of_day(received_at)}/{axis_id}", partial(pack_windows, windows)
             opened = self.files.append(axis_id, folder, content, size_of(windows))
         path, offset = opened.path, opened.offset
+        try:
+            places = [WaveformPlace(path, offset, i, content_sha256(window)) for i, window in enumerate(windows)]
+        except BaseException:  # it may still be being written, and nobody else would wait for it
+            opened.take_back()
+            raise
         self._recent.add((path, offset), windows)
-        places = [WaveformPlace(path, offset, index, content_sha256(window)) for index, window in enumerate(windows)]
         return _Frame(opened, places)
 
     def sync(self, frame: "_Frame") -> None:

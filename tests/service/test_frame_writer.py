@@ -5,17 +5,22 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
+import zstandard
 
 from service.errors import StorageError
+from service.store import waveforms
 from service.store.frame_writer import PLACES, FrameWriter
 from service.store.waveform_files import FolderFiles
-from service.store.waveforms import WaveformStore
+from service.store.waveforms import WaveformPlace, WaveformStore
+from service.store.window_format import content_sha256
 from tests.service.test_waveforms import NOW, window, written
 
 
@@ -114,6 +119,75 @@ def test_frame_that_nobody_waits_for_is_taken_back_whole(store: WaveformStore, t
         assert len(content_of(tmp_path)) == size
 
 
+def test_frame_lies_where_its_row_says_whatever_became_of_the_one_before(
+    store: WaveformStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The one before is refused while it is still being written."""
+    first = written(store, window(0))
+    (process,) = writing_processes(os.getpid())
+
+    def fail(_: object) -> None:
+        raise MemoryError
+
+    os.kill(process, signal.SIGSTOP)
+    threading.Timer(0.2, os.kill, (process, signal.SIGCONT)).start()
+    with monkeypatch.context() as broken:
+        broken.setattr(waveforms, "content_sha256", fail)
+        with pytest.raises(MemoryError):
+            store.begin_write("axis", [window(1)], NOW)
+    second = written(store, window(2))
+    assert second.path == first.path
+    assert [item.measurement for item in WaveformStore(tmp_path).read([first, second])] == ["m0", "m2"]
+    descriptors = len(os.listdir("/proc/self/fd"))
+    written(store, window(3))
+    assert len(os.listdir("/proc/self/fd")) == descriptors
+
+
+def test_what_is_under_way_when_a_store_is_closed_is_finished(tmp_path: Path) -> None:
+    store = WaveformStore(FolderFiles(tmp_path, FrameWriter()))
+    before = written(store, window(0))
+    (process,) = writing_processes(os.getpid())
+    os.kill(process, signal.SIGSTOP)
+    threading.Timer(0.2, os.kill, (process, signal.SIGCONT)).start()
+    with store.begin_write("kept", [window(1)], NOW) as kept, store.begin_write("axis", [window(2)], NOW):
+        store.close()
+        places = [before, *kept.sync()]
+        kept.keep()
+    assert not is_running(process)
+    assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == ["m0", "m1"]
+    (file,) = (tmp_path / "raw").rglob("axis/*.zst")
+    assert file.stat().st_size == zstd_size(tmp_path, before), "what was not kept is gone"
+    places.append(written(store, window(3)))  # by the service: the process has ended
+    assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == ["m0", "m1", "m3"]
+
+
+def zstd_size(folder: Path, place: WaveformPlace) -> int:
+    """Return where the frame that lies in a place ends."""
+    content = (folder / place.path).read_bytes()[place.offset :]
+    reader = zstandard.ZstdDecompressor().decompressobj()
+    reader.decompress(content)
+    return place.offset + len(content) - len(reader.unused_data)
+
+
+def test_process_killed_at_any_moment_leaves_what_was_said_to_be_there(tmp_path: Path) -> None:
+    rng, n_failed = np.random.default_rng(), 0
+    for turn in range(12):
+        store = WaveformStore(FolderFiles(tmp_path / str(turn), FrameWriter()))
+        places = [written(store, window(0, 20_000))]
+        (process,) = writing_processes(os.getpid())
+        threading.Timer(rng.uniform(0.0, 0.01), os.kill, (process, signal.SIGKILL)).start()
+        for seed in range(1, 12):
+            try:
+                places.append(written(store, window(seed, 20_000)))
+            except StorageError:
+                n_failed += 1
+        await_end(process)
+        found = WaveformStore(tmp_path / str(turn)).read(places)
+        assert [content_sha256(item) for item in found] == [place.content_sha256 for place in places]
+        store.close()
+    assert n_failed <= 12, "each costs the one that was under way"
+
+
 def test_process_that_is_killed_costs_one_request(
     store: WaveformStore, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -126,7 +200,7 @@ def test_process_that_is_killed_costs_one_request(
             writing.sync()
     places = [first, *(written(store, window(seed)) for seed in (2, 3))]
     assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == ["m0", "m2", "m3"]
-    assert caplog.text.count("from now on the service does it") == 1
+    assert caplog.text.count("the service does it now") == 1
 
 
 def test_process_that_has_ended_is_found_out_before_anything_is_handed_over(
@@ -138,7 +212,7 @@ def test_process_that_has_ended_is_found_out_before_anything_is_handed_over(
     await_end(process)
     places += [written(store, window(seed)) for seed in (1, 2)]
     assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == ["m0", "m1", "m2"]
-    assert caplog.text.count("from now on the service does it") == 1
+    assert caplog.text.count("the service does it now") == 1
 
 
 def test_machine_that_starts_no_process_writes_here(
@@ -153,12 +227,17 @@ def test_machine_that_starts_no_process_writes_here(
     assert caplog.text.count("cannot be started") == 1
 
 
-def test_what_ends_a_service_gently_leaves_its_process_to_it(store: WaveformStore, tmp_path: Path) -> None:
-    """A terminal interrupts all, and systemd terminates all: frames under way are still wanted."""
-    places = [written(store, window(0))]
-    (process,) = writing_processes(os.getpid())
-    assert os.getsid(process) == process
-    os.kill(process, signal.SIGTERM)
+@pytest.mark.parametrize("signal_of_all", [signal.SIGTERM, signal.SIGINT])
+def test_what_ends_a_service_gently_leaves_its_process_to_it(
+    store: WaveformStore, tmp_path: Path, signal_of_all: int
+) -> None:
+    """A terminal interrupts all, and systemd terminates all: frames under way are still wanted, the first one, too."""
+    with store.begin_write("axis", [window(0)], NOW) as writing:
+        (process,) = writing_processes(os.getpid())
+        os.kill(process, signal_of_all)  # while it starts
+        places = writing.sync()
+        writing.keep()
+    os.kill(process, signal_of_all)
     places.append(written(store, window(1)))
     assert writing_processes(os.getpid()) == [process]
     assert len(WaveformStore(tmp_path).read(places)) == 2
@@ -169,7 +248,8 @@ import sys, time
 from pathlib import Path
 from service.store.frame_writer import FrameWriter
 from service.store.waveform_files import FolderFiles
-from service.store.waveforms import WaveformStore
+from service.store.waveforms import WaveformPlace, WaveformStore
+from service.store.window_format import content_sha256
 from tests.service.test_waveforms import window, written
 written(WaveformStore(FolderFiles(Path(sys.argv[1]), FrameWriter())), window(0))
 print("written", flush=True)
