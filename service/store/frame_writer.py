@@ -1,4 +1,4 @@
-"""Have small frames compressed, appended to their files and synced by a process of its own, while this one computes.
+"""Have small frames compressed, written to their files and synced by a process of its own, while this one computes.
 
 Threads do not help there: after each step a thread waits until another one lets go of the interpreter. To the process
 content goes through memory that both share, and the open file through a socket; back comes what the disk said.
@@ -74,18 +74,16 @@ class HandedOver:
     def __init__(self, process: "_FrameProcess", place: int) -> None:
         self._process = process
         self._place = place
-        self._waits = True
+        self._error: int | None = None  # not known before it was waited for
 
     def wait(self) -> None:
-        """Wait until it is on disk. Raises OSError, the first time, if it is not; nobody writes it any more then."""
-        if not self._waits:
-            return
-        error = self._process.error_at(self._place)
-        self._waits = False  # not before: whatever else ends the waiting, it may still be written
-        if error == _ENDED:
+        """Wait until it is on disk. Raises OSError if it is not; nobody writes it any more then."""
+        if self._error is None:
+            self._error = self._process.error_at(self._place)
+        if self._error == _ENDED:
             raise OSError(errno.EIO, "the process that writes them has ended")
-        if error:
-            raise OSError(error, os.strerror(error))
+        if self._error:
+            raise OSError(self._error, os.strerror(self._error))
 
 
 #: Stands for the number of an error.
@@ -106,9 +104,8 @@ class _FrameProcess:
             both.callback(theirs.close)
             shared = os.memfd_create("frames")
             both.callback(os.close, shared)
-            os.posix_fallocate(
-                shared, 0, PLACES * MOST_BYTES
-            )  # what cannot be had is refused here, not when it is used
+            # What there is no room for is refused here, and not where it is used.
+            os.posix_fallocate(shared, 0, PLACES * MOST_BYTES)
             self._memory = mmap.mmap(shared, 0)
             ours.callback(self._memory.close)
             self._process = _started(theirs.fileno(), shared)
