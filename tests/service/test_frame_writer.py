@@ -253,19 +253,21 @@ from service.store.waveform_files import FolderFiles
 from service.store.waveforms import WaveformPlace, WaveformStore
 from service.store.window_format import content_sha256
 from tests.service.test_waveforms import window, written
-written(WaveformStore(FolderFiles(Path(sys.argv[1]), FrameWriter())), window(0))
+store = WaveformStore(FolderFiles(Path(sys.argv[1]), FrameWriter()))
+written(store, window(0))
 print("written", flush=True)
 time.sleep(600)
 """
 
 
 def test_process_does_not_outlive_a_service_that_is_killed(tmp_path: Path) -> None:
-    service = subprocess.Popen([sys.executable, "-c", _SERVICE, str(tmp_path)], stdout=subprocess.PIPE)
-    with service:
-        assert service.stdout is not None
-        assert service.stdout.readline() == b"written\n"
-        (process,) = writing_processes(service.pid)
-        service.kill()
+    with subprocess.Popen([sys.executable, "-c", _SERVICE, str(tmp_path)], stdout=subprocess.PIPE) as service:
+        try:
+            assert service.stdout is not None
+            assert service.stdout.readline() == b"written\n"
+            (process,) = writing_processes(service.pid)
+        finally:
+            service.kill()
     await_end(process)
 
 
