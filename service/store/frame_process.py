@@ -5,14 +5,13 @@ It ends when the other end of its socket is closed, as the system does when the 
 
 import errno
 import mmap
-import os
 import socket
 import sys
 from contextlib import suppress
 from io import FileIO
 
 from service.store.frame_writer import ANSWER, REQUEST
-from service.store.waveform_files import compressed_at_once, give_back_cache, write_all
+from service.store.waveform_files import compressed_at_once, give_back_cache, sync_file, write_all
 
 
 def main() -> None:
@@ -34,8 +33,7 @@ def _write(descriptor: int, content: memoryview) -> int:
         with FileIO(descriptor, "r+") as file:  # the service opened it, and tells where the frame begins
             write_all(file, compressed_at_once(content))
             give_back_cache(file)
-            os.fsync(descriptor)
-            give_back_cache(file)
+            sync_file(file)
     except OSError as error:
         return error.errno or errno.EIO
     return 0

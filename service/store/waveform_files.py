@@ -255,8 +255,7 @@ class _FolderFrame:
             if self._handed_over is not None:
                 self._handed_over.wait()
             else:
-                os.fsync(self._file.fileno())
-                give_back_cache(self._file)
+                sync_file(self._file)
             if not self.offset:
                 sync_folder((self._files.root / self.path).parent)
 
@@ -317,6 +316,12 @@ def give_back_cache(file: FileIO) -> None:
     if hasattr(os, "posix_fadvise"):
         whole_pages = file.tell() // mmap.PAGESIZE * mmap.PAGESIZE
         os.posix_fadvise(file.fileno(), 0, whole_pages, os.POSIX_FADV_DONTNEED)
+
+
+def sync_file(file: FileIO) -> None:
+    """Wait until a file is on disk; nobody will read it soon."""
+    os.fsync(file.fileno())
+    give_back_cache(file)
 
 
 def remove_file(root: Path, path: str) -> None:

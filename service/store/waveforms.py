@@ -111,8 +111,8 @@ class WaveformStore:
 
     def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Frame":
         """Give the windows to the operating system or whoever keeps them, which begins to write them."""
+        folder, content = f"{folder_of_day(received_at)}/{axis_id}", partial(pack_windows, windows)
         with storage_errors():
-            folder, content = f"{folder_of_day(received_at)}/{axis_id}", partial(pack_windows, windows)
             opened = self.files.append(axis_id, folder, content, size_of(windows))
         path, offset = opened.path, opened.offset
         try:

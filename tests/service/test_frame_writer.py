@@ -1,5 +1,6 @@
 """Small frames are written by a process of its own: what its disk says, what becomes of it, and what then."""
 
+import errno
 import os
 import resource
 import signal
@@ -221,7 +222,7 @@ def test_machine_that_starts_no_process_writes_here(
     store: WaveformStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
-        raise OSError(12, "Cannot allocate memory")
+        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
 
     monkeypatch.setattr(subprocess, "Popen", refuse)
     places = [written(store, window(seed)) for seed in range(2)]
@@ -250,8 +251,7 @@ import sys, time
 from pathlib import Path
 from service.store.frame_writer import FrameWriter
 from service.store.waveform_files import FolderFiles
-from service.store.waveforms import WaveformPlace, WaveformStore
-from service.store.window_format import content_sha256
+from service.store.waveforms import WaveformStore
 from tests.service.test_waveforms import window, written
 store = WaveformStore(FolderFiles(Path(sys.argv[1]), FrameWriter()))
 written(store, window(0))
