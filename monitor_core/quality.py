@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from monitor_core.arrays import BoolArray
 from monitor_core.effects.effect import Physics
@@ -65,5 +65,5 @@ def judged_gap(fitted: Fitted[Physics]) -> JudgedGap:
     gap, held_out = fitted.gap, gap_of(fitted.comparison, fitted.held_out)
     judged = fitted.fitted if fitted.held_out is None else fitted.held_out.chosen
     n_judged = int(np.count_nonzero(judged))
-    most = max(REMAINDER, math.sqrt(float(chi2.ppf(_HEALTHY_SHARE, n_judged)) / n_judged))
+    most = max(REMAINDER, math.sqrt(float(scipy.stats.chi2.ppf(_HEALTHY_SHARE, n_judged)) / n_judged))
     return JudgedGap(gap, held_out, float(np.nanmax([gap, held_out])) / fitted.comparison.noise_floor, most)

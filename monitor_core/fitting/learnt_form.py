@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
@@ -79,6 +79,6 @@ def _spectrum(values: FloatArray) -> FormSpectrum:
         knots.append(float(np.exp(np.mean(np.log(frequency[at])))))
         weight = 1.0 / (noise[at] ** 2 + _LEAST**2)
         design = np.column_stack([np.ones(weight.size), steep[at] ** 2])
-        found.append(nnls(design * weight[:, None], (left[at] ** 2 - noise[at] ** 2) * weight)[0])
+        found.append(scipy.optimize.nnls(design * weight[:, None], (left[at] ** 2 - noise[at] ** 2) * weight)[0])
     deviation, tolerance = np.maximum(np.sqrt(found), [_LEAST, _LEAST_TOLERANCE]).T.tolist()
     return FormSpectrum(tuple(knots), tuple(deviation), tuple(tolerance), learnt=True)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds
@@ -110,7 +110,7 @@ def _lacks_fit(fit: LocalFit) -> bool:
     """Test χ² of residuals in units of stated uncertainties."""
     if fit.degrees_of_freedom < 1:
         return False
-    return float(special.gammaincc(fit.degrees_of_freedom / 2.0, fit.chi_squared / 2.0)) < LACK_OF_FIT
+    return float(scipy.special.gammaincc(fit.degrees_of_freedom / 2.0, fit.chi_squared / 2.0)) < LACK_OF_FIT
 
 
 def _with_priors_on_the_scale_of_the_data(

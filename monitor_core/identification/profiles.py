@@ -5,8 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import norm, t
+import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
@@ -43,8 +42,8 @@ class ProfileInterval:
 def quantile(fit: LocalFit, level: float) -> float:
     """Return half the width of the linear interval in standard uncertainties: normal, or t with s² estimated. [-]."""
     if fit.uncertainties_stated:
-        return float(norm.ppf(0.5 + 0.5 * level))
-    return float(t.ppf(0.5 + 0.5 * level, fit.coordinates.degrees_of_freedom))
+        return float(scipy.stats.norm.ppf(0.5 + 0.5 * level))
+    return float(scipy.stats.t.ppf(0.5 + 0.5 * level, fit.coordinates.degrees_of_freedom))
 
 
 class Profile:
@@ -102,7 +101,7 @@ class Profile:
             return bound, True
         inside, outside = bracket
         short_of: Callable[[float], float] = lambda value: self.root(value) - target  # noqa: E731
-        return float(brentq(short_of, inside, outside, xtol=2e-3 * abs(outside - self.best))), False
+        return float(scipy.optimize.brentq(short_of, inside, outside, xtol=2e-3 * abs(outside - self.best))), False
 
     def _bracket(self, target: float, bound: float) -> tuple[float, float] | None:
         """Return a value where ζ is below the target and the next one where it is not, or None up to the bound."""

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
@@ -124,7 +124,7 @@ def rank_modes_to_monitor(
         raise OutsideValidityError(
             f"false_alarm and detection must lie between 0 and 1; got {false_alarm} and {detection}"
         )
-    needed = float(special.ndtri(1.0 - false_alarm) + special.ndtri(detection))
+    needed = float(scipy.special.ndtri(1.0 - false_alarm) + scipy.special.ndtri(detection))
     ranked = []
     for peak in peaks:
         uncertainty = relative_frequency_uncertainty.get(peak.mode, 0.0)

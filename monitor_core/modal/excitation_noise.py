@@ -12,7 +12,7 @@ white, the response without it is
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray, SampleArray
 from monitor_core.modal.selection import rational_poles
@@ -46,7 +46,7 @@ def excitation_noise(excitation: SampleArray) -> float:
         return 0.0
     variance = rough[:, : n_stretches * _STRETCH].reshape(-1, _STRETCH).var(axis=1) / _OF_WHITE
     dof = 0.5 * _STRETCH
-    at_rest = np.quantile(variance, _AT_REST) / (special.chdtri(dof, 1.0 - _AT_REST) / dof)
+    at_rest = np.quantile(variance, _AT_REST) / (scipy.special.chdtri(dof, 1.0 - _AT_REST) / dof)
     return float(at_rest * n_samples)
 
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.spectral import BandSpectra

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.optimize
-import scipy.signal
+import scipy
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError

@@ -8,8 +8,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-import scipy.optimize
-import scipy.special
+import scipy
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.modal.model import FitLines, ModelOrder, basis_of, cost_at, forced_cost, overdispersion, pole_factor

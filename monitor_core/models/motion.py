@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Self
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
@@ -57,11 +57,11 @@ def kinematics_of(position: FloatArray, sample_rate: float) -> Kinematics:
     .. [1] A. Janot, M. Gautier, M. Brunot, Data set and reference models of EMPS, Workshop on Nonlinear System
        Identification Benchmarks, 2019.
     """
-    filtering = signal.butter(_ORDER, cutoff_frequency(sample_rate), output="sos", fs=sample_rate)
+    filtering = scipy.signal.butter(_ORDER, cutoff_frequency(sample_rate), output="sos", fs=sample_rate)
     fewest = 10 * _ORDER
     if position.size < fewest:
         raise OutsideValidityError(f"a motion needs at least {fewest} samples; got {position.size}")
-    smooth = signal.sosfiltfilt(filtering, position)
+    smooth = scipy.signal.sosfiltfilt(filtering, position)
     second = np.diff(smooth, 2) * sample_rate**2
     return Kinematics(sample_rate, np.gradient(smooth, 1.0 / sample_rate), np.pad(second, 1, mode="edge"))
 

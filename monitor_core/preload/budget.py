@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.preload.calibration import (
@@ -283,7 +283,7 @@ def systematic_uncertainty_between(
     # µ may rest on a few readings: enlarged so that 1.96 times the result covers 95 % all the same
     few = np.ones(len(calibration.parameter_names))
     if (mu := calibration.parameter(INVERSE_MOVING_MASS)) is not None:
-        enlarged = special.stdtrit(mu.degrees_of_freedom, 0.975) / special.ndtri(0.975)
+        enlarged = scipy.special.stdtrit(mu.degrees_of_freedom, 0.975) / scipy.special.ndtri(0.975)
         few[calibration.parameter_names.index(INVERSE_MOVING_MASS)] = enlarged
     covariance = calibration.parameters.covariance * np.outer(few, few)
 

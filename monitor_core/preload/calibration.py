@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
@@ -228,7 +228,7 @@ def declared_influences(
 def refuse_blind_mode(fitted: VectorEstimate) -> None:
     """Refuse a k3 that is not significantly positive: no interval of the preload would have an upper end."""
     k3, uncertainty = fitted.values[2], fitted.standard_uncertainties[2]
-    if k3 <= special.stdtrit(fitted.degrees_of_freedom, 0.975) * uncertainty:
+    if k3 <= scipy.special.stdtrit(fitted.degrees_of_freedom, 0.975) * uncertainty:
         raise NotIdentifiableError(
             "the frequency does not rise measurably with the preload: k3 must be positive beyond its 95 % uncertainty; "
             f"got {k3:.3g} ± {uncertainty:.2g} s²·N^(1/3). Spread the preloads further, or choose another mode"
@@ -293,6 +293,7 @@ def minimum_detectable_loss(
     healthy = calibration.preload.upper if preload is None else preload
     where = np.linspace(calibration.position.lower, calibration.position.upper, 101)
     f = axial_frequency(where if position is None else np.array([position]), healthy, k)
-    fall = (special.stdtrit(dof, 0.95) + special.stdtrit(dof, 0.90)) * calibration.residual_sd / np.sqrt(n_measurements)
+    quantiles = scipy.special.stdtrit(dof, 0.95) + scipy.special.stdtrit(dof, 0.90)
+    fall = quantiles * calibration.residual_sd / np.sqrt(n_measurements)
     feature = k.k3 * np.cbrt(1.0 / healthy) + 2.0 * fall / f**3
     return float(np.max(healthy - preload_from_feature(feature, k)))

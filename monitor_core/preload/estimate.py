@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.preload.budget import (
@@ -242,7 +242,7 @@ def _fieller_interval(feature: float, calibration: Calibration, budget: Uncertai
     """Solve the inequality of Fieller's theorem, a quadratic in θ; a preload of ∞ is θ = 0, of 0 is θ = ∞."""
     covariance = calibration.parameters.covariance
     gradient = budget.gradient
-    t2 = float(special.stdtrit(budget.degrees_of_freedom, 0.5 + LEVEL / 2.0)) ** 2
+    t2 = float(scipy.special.stdtrit(budget.degrees_of_freedom, 0.5 + LEVEL / 2.0)) ** 2
     k3 = calibration.coefficients.k3
     # quadratic·θ² − 2·linear·θ + constant ≤ 0
     quadratic = k3**2 - t2 * float(covariance[2, 2])

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.uncertainty import Interval
 
@@ -27,7 +27,7 @@ def widened(interval: Interval, preload: float, feature: float, unexplained: flo
     if unexplained <= 0.0:
         return interval
     theta = float(np.cbrt(1.0 / preload))
-    reach = float(special.ndtri(0.5 * (1.0 + interval.level))) * unexplained * theta / feature
+    reach = float(scipy.special.ndtri(0.5 * (1.0 + interval.level))) * unexplained * theta / feature
     most = math.inf if interval.lower == 0.0 else float(np.cbrt(1.0 / interval.lower))
     least = float(np.cbrt(1.0 / interval.upper))
     high, low = theta + math.hypot(most - theta, reach), theta - math.hypot(theta - least, reach)

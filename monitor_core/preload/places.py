@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scipy import special
+import scipy
 
 from monitor_core.preload.doubts import Doubt, DoubtReason
 
@@ -65,7 +65,7 @@ class Places:
         """
         if self.count < 2 or self.farthest - self.nearest < _ONE_PLACE:
             return None
-        if float(special.chdtrc(self.count - 1, self.chi_square)) > _DISAGREEMENT:
+        if float(scipy.special.chdtrc(self.count - 1, self.chi_square)) > _DISAGREEMENT:
             return None
         return Doubt(
             DoubtReason.PLACES_DISAGREE,

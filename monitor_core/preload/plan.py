@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
@@ -109,7 +109,7 @@ def smallest_loss(
     k, places = expected.coefficients, np.asarray(positions, dtype=np.float64)
     a = feature_design(places, np.full_like(places, healthy_preload))
     leverage = _leverage(_rows(settings), a)
-    reach = (special.stdtrit(dof, 0.95) + special.stdtrit(dof, 0.90)) * expected.scatter
+    reach = (scipy.special.stdtrit(dof, 0.95) + scipy.special.stdtrit(dof, 0.90)) * expected.scatter
     slope = 2.0 / axial_frequency(places, healthy_preload, k) ** 3
     feature = k.k3 * np.cbrt(1.0 / healthy_preload) + reach * slope * np.sqrt(1.0 + leverage)
     return float(np.max(healthy_preload - preload_from_feature(feature, k)))
@@ -146,7 +146,7 @@ def _left(
 ) -> int | None:
     """Count the measurements, each the best next one, until the wished loss is seen."""
     places = sorted({item.position for item in grid})
-    k, reach = expected.coefficients, (special.ndtri(0.95) + special.ndtri(0.90)) * expected.scatter
+    k, reach = expected.coefficients, (scipy.special.ndtri(0.95) + scipy.special.ndtri(0.90)) * expected.scatter
     slope = 2.0 / axial_frequency(np.asarray(places), healthy_preload, k) ** 3
     limit = healthy_preload - preload_from_feature(k.k3 * np.cbrt(1.0 / healthy_preload) + reach * slope, k)
     if float(np.max(limit)) >= wished_loss:

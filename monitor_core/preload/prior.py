@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
@@ -224,7 +224,7 @@ def fit_with_prior(prior: CoefficientPrior, rows: ReadingRows, weighting: Weight
     expected = _expected_square(prior, rows)
     spread = prior.spread
     n_prior = spread.shape[1]
-    basis = linalg.block_diag(spread, np.eye(n_unknown))
+    basis = scipy.linalg.block_diag(spread, np.eye(n_unknown))
     start = np.append(prior.coefficients.values, np.zeros(n_unknown))
     fit = weighted_least_squares(
         np.vstack([rows.design @ basis, np.eye(n_prior, basis.shape[1])]),
@@ -264,7 +264,10 @@ def _expected_square(prior: CoefficientPrior, rows: ReadingRows) -> float:
 
 def _refuse_contradiction(prior: CoefficientPrior, chi_squared: float, n: int) -> None:
     dof = prior.coefficients.degrees_of_freedom
-    limit = special.chdtri(n, CONTRADICTION) if math.isinf(dof) else n * special.fdtri(n, dof, 1.0 - CONTRADICTION)
+    if math.isinf(dof):
+        limit = scipy.special.chdtri(n, CONTRADICTION)
+    else:
+        limit = n * scipy.special.fdtri(n, dof, 1.0 - CONTRADICTION)
     if chi_squared > limit:
         raise NotIdentifiableError(
             f"the readings contradict the prior ({prior.source}): χ² of what separates them must be at most "

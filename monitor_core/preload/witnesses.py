@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.uncertainty import VectorEstimate
@@ -89,8 +89,8 @@ class Deviation:
         """The deviation as a normal deviate: the quantile that is as improbable [-]."""
         t = self.logarithm / self.standard_uncertainty
         # from the nearer tail, or what is far out would round to infinity
-        tail = float(special.stdtr(self.degrees_of_freedom, -abs(t)))
-        return math.copysign(-float(special.ndtri(max(tail, 1e-300))), t)
+        tail = float(scipy.special.stdtr(self.degrees_of_freedom, -abs(t)))
+        return math.copysign(-float(scipy.special.ndtri(max(tail, 1e-300))), t)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

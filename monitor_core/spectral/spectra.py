@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
+import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray, SampleArray
 from monitor_core.errors import OutsideValidityError

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.trend.belief import STRUCTURES, Belief, Prior, bank_of, begin, healthy_value, learnt_from, reopened
 from monitor_core.trend.observation import Session
@@ -50,7 +50,7 @@ class Baseline:
 
         For people to look at: alarms come from the charts, whose false-alarm rate is stated.
         """
-        quantile = float(special.stdtrit(self.degrees_of_freedom, 0.5 * (1.0 + level)))
+        quantile = float(scipy.special.stdtrit(self.degrees_of_freedom, 0.5 * (1.0 + level)))
         half = quantile * math.hypot(self.scatter, self.standard_uncertainty)
         return Interval(self.mean - half, self.mean + half, IntervalKind.PREDICTION, level)
 
@@ -83,7 +83,7 @@ def learn_baseline(sessions: Sequence[Session], prior: Prior | None = None) -> B
     values = np.array([session.value for session in sessions])
     stated = float(np.mean([session.own_variance for session in sessions]))
     # values all alike may differ from their mean by a rounding error, which is no scatter
-    observed = float(np.median(np.abs(values - np.median(values))) / special.ndtri(0.75)) ** 2
+    observed = float(np.median(np.abs(values - np.median(values))) / scipy.special.ndtri(0.75)) ** 2
     if np.ptp(values) > 0.0 and observed == 0.0:
         observed = float(values.var(ddof=1))
     variance = max(observed, stated)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.trend.observation import Session
@@ -208,8 +208,9 @@ class Prediction:
         """Return the logarithm of the weight of each structure once a session was off by so much."""
         degrees = 2.0 * self.bank.shape
         evidence = (
-            special.gammaln(0.5 * (degrees + 1.0)) - special.gammaln(0.5 * degrees) - 0.5 * np.log(degrees * math.pi)
-            - np.log(self.scale) - 0.5 * (degrees + 1.0) * np.log1p((error / self.scale) ** 2 / degrees)
+            scipy.special.gammaln(0.5 * (degrees + 1.0)) - scipy.special.gammaln(0.5 * degrees)
+            - 0.5 * np.log(degrees * math.pi) - np.log(self.scale)
+            - 0.5 * (degrees + 1.0) * np.log1p((error / self.scale) ** 2 / degrees)
         )  # fmt: skip
         relative = self.bank.log_weight + evidence
         return np.asarray(relative - np.logaddexp.reduce(relative))
@@ -218,10 +219,10 @@ class Prediction:
         r"""Return the residual of a value as its normal score, :math:`z = \Phi^{-1}(F(y))`."""
         ratio = self.error(value) / self.scale
         degrees, weight = 2.0 * self.bank.shape, self.bank.weight
-        below = float(weight @ special.stdtr(degrees, ratio))
-        above = float(weight @ special.stdtr(degrees, -ratio))
+        below = float(weight @ scipy.special.stdtr(degrees, ratio))
+        above = float(weight @ scipy.special.stdtr(degrees, -ratio))
         # the smaller of both has all its digits
-        score = special.ndtri(max(min(below, above), 1e-300))
+        score = scipy.special.ndtri(max(min(below, above), 1e-300))
         return float(score if below < above else -score)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.trend.design import EVIDENCE_SHARE, DetectorDesign
@@ -100,7 +100,7 @@ def found_rate(
     ends = np.array([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     resampled = np.quantile(rates(drawn, _YEARS), ends)
     years = n / design.sessions_per_year
-    rare = special.gammaincinv(found * years + 0.5, ends) / years
+    rare = scipy.special.gammaincinv(found * years + 0.5, ends) / years
     low, high = float(min(resampled[0], rare[0], found)), float(max(resampled[1], rare[1], found))
     interval = Interval(low, high, IntervalKind.CONFIDENCE, level)
     return FoundRate(found, interval, n)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from enum import StrEnum
 
-from scipy import optimize
+import scipy
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend.run_length import cusum_run_length, ewma_run_length, shewhart_run_length
@@ -141,4 +141,7 @@ def _solve(expected_number: Callable[[float], float], wanted: float) -> float:
     while expected_number(upper) > wanted:
         lower, upper = upper, 1.5 * upper
     # the logarithm is nearly straight in the limit; an expectation of exactly 0 lies far below every wanted number
-    return float(optimize.brentq(lambda x: math.log(max(expected_number(x), 1e-300) / wanted), lower, upper, xtol=1e-3))
+    def excess(x: float) -> float:
+        return math.log(max(expected_number(x), 1e-300) / wanted)
+
+    return float(scipy.optimize.brentq(excess, lower, upper, xtol=1e-3))

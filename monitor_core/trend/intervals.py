@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
@@ -98,19 +98,19 @@ def tolerance_factor(n_readings: int, share: float = 0.95, level: float = 0.95) 
         raise OutsideValidityError(f"an interval needs at least 2 readings; got {n_readings}")
     if not (0.0 < share < 1.0 and 0.0 < level < 1.0):
         raise OutsideValidityError(f"share and level must lie between 0 and 1; got {share} and {level}")
-    z, weights = special.roots_hermitenorm(60)
+    z, weights = scipy.special.roots_hermitenorm(60)
     weights = weights / weights.sum()
     # p-quantile of the non-central χ² with one degree of freedom: half-width that holds the share around an off centre
-    half_width_squared = special.chndtrix(share, 1.0, z**2 / n_readings)
+    half_width_squared = scipy.special.chndtrix(share, 1.0, z**2 / n_readings)
 
     def shortfall(factor: float) -> float:
-        survival = special.chdtrc(n_readings - 1.0, (n_readings - 1.0) * half_width_squared / factor**2)
+        survival = scipy.special.chdtrc(n_readings - 1.0, (n_readings - 1.0) * half_width_squared / factor**2)
         return float(weights @ survival) - level
 
     upper = 10.0
     while shortfall(upper) < 0.0:
         upper *= 10.0
-    return float(optimize.brentq(shortfall, 1e-3, upper, xtol=1e-10))
+    return float(scipy.optimize.brentq(shortfall, 1e-3, upper, xtol=1e-10))
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,4 +152,4 @@ def _moments(readings: Sequence[float] | FloatArray) -> tuple[float, float, int]
 def _student_t(degrees_of_freedom: int, level: float) -> float:
     if not 0.0 < level < 1.0:
         raise OutsideValidityError(f"level must lie between 0 and 1; got {level}")
-    return float(special.stdtrit(degrees_of_freedom, 0.5 * (1.0 + level)))
+    return float(scipy.special.stdtrit(degrees_of_freedom, 0.5 * (1.0 + level)))

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.trend.belief import (
@@ -149,7 +149,7 @@ def _log_evidence(weighed: _Weighed, healthy: Bank) -> FloatArray:
     upwards = weighed.cross / np.sqrt(information * with_step / healthy.shape)
     of_structure = (
         healthy.shape * np.log(healthy.rate / with_step) - 0.5 * np.log(STEP**2 * information)
-        + math.log(2.0) + special.log_ndtr(upwards)
+        + math.log(2.0) + scipy.special.log_ndtr(upwards)
     )  # fmt: skip
     return np.asarray(np.logaddexp.reduce(healthy.log_weight + of_structure, axis=1))
 

@@ -10,7 +10,7 @@ from datetime import datetime
 from itertools import pairwise
 
 import numpy as np
-from scipy import linalg, special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.trend.belief import DAY, DRAG_SHARE, KELVIN, STRUCTURES, YEAR, Prior, Structure, change_in_a_day
@@ -92,16 +92,16 @@ def _fit(values: FloatArray, design: FloatArray, known: FloatArray, days: FloatA
     apart = np.abs(days[:, None] - days[None, :])
     covariance = structure.share * structure.correlation**apart
     covariance[np.diag_indices(days.size)] = 1.0
-    factor = linalg.cholesky(covariance, lower=True)
-    white = linalg.solve_triangular(factor, np.column_stack([values, design]), lower=True)
+    factor = scipy.linalg.cholesky(covariance, lower=True)
+    white = scipy.linalg.solve_triangular(factor, np.column_stack([values, design]), lower=True)
     y, x = white[:, 0], white[:, 1:]
     precision = x.T @ x + np.diag(known)
-    inverse = linalg.inv(precision)
+    inverse = scipy.linalg.inv(precision)
     mean = inverse @ (x.T @ y)
     squares = float(y @ y - mean @ precision @ mean)
     half = 0.5 * (values.size - 2)
     log_determinants = 2.0 * float(np.log(np.diag(factor)).sum()) + float(np.linalg.slogdet(precision)[1])
-    evidence = -0.5 * log_determinants - half * math.log(squares) + float(special.gammaln(half))
+    evidence = -0.5 * log_determinants - half * math.log(squares) + float(scipy.special.gammaln(half))
     return _Fit(mean, np.diag(inverse) * squares / (2.0 * half), evidence)
 
 

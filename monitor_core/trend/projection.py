@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
@@ -65,5 +65,5 @@ def project(days: FloatArray, values: FloatArray, ahead: FloatArray) -> Projecti
     level = float(values.mean())
     scatter = float(np.sqrt(np.sum((values - level - slope * (days - mean)) ** 2) / (n - 2)))
     value = level + slope * (ahead - mean)
-    reach = float(special.stdtrit(n - 2, 0.975)) * scatter * np.sqrt(1.0 + 1.0 / n + (ahead - mean) ** 2 / spread)
+    reach = float(scipy.special.stdtrit(n - 2, 0.975)) * scatter * np.sqrt(1.0 + 1.0 / n + (ahead - mean) ** 2 / spread)
     return Projection(value, value - reach, value + reach, Estimate(slope, scatter / spread**0.5, float(n - 2)))

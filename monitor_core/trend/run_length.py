@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
@@ -150,9 +150,9 @@ def shewhart_run_length(
     .. [1] W. Feller, An Introduction to Probability Theory and Its Applications, vol. 1, 3rd ed., Wiley, 1968.
     """
     shift, scale = np.asarray(shift, dtype=np.float64), np.asarray(scale, dtype=np.float64)
-    p = special.ndtr((shift - limit) / scale)
+    p = scipy.special.ndtr((shift - limit) / scale)
     if two_sided:
-        p = p + special.ndtr((-limit - shift) / scale)
+        p = p + scipy.special.ndtr((-limit - shift) / scale)
     # (1 − pʳ)/(1 − p) = 1 + p + … + pʳ⁻¹ also holds at p = 1
     partial_sum = sum((p**i for i in range(1, consecutive)), start=np.ones_like(p))
     return np.asarray(partial_sum / np.maximum(p**consecutive, 1.0 / _LONGEST))
@@ -162,7 +162,7 @@ def _normal_cdf(points: FloatArray, shift: npt.ArrayLike, scale: npt.ArrayLike) 
     """Return P(residual ≤ point), shape (*distributions, *points)."""
     shift, scale = np.broadcast_arrays(np.asarray(shift, dtype=np.float64), np.asarray(scale, dtype=np.float64))
     expand = (...,) + (None,) * points.ndim
-    return np.asarray(special.ndtr((points - shift[expand]) / scale[expand]))
+    return np.asarray(scipy.special.ndtr((points - shift[expand]) / scale[expand]))
 
 
 def _first_passage(transition: FloatArray, duration: FloatArray, start_cell: int) -> FloatArray:

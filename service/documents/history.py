@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from scipy import special
+import scipy
 
 from monitor_core.preload import Calibration, preload_from_feature
 from monitor_core.trend import DetectorState, FoundRate, TrendLine
@@ -73,7 +73,7 @@ def line_document(line: TrendLine, calibration: Calibration) -> JsonObject:
     """Lay out the line through the trend in newtons a year, at the preload where it ends; losses are negative."""
     preload = preload_from_feature(line.at_end.value, calibration.coefficients)
     per_feature = -3.0 * preload / line.at_end.value  # preload = (g/k3)^-3
-    reach = float(special.stdtrit(line.slope.degrees_of_freedom, 0.975)) * line.slope.standard_uncertainty
+    reach = float(scipy.special.stdtrit(line.slope.degrees_of_freedom, 0.975)) * line.slope.standard_uncertainty
     ends = sorted(per_feature * (line.slope.value + side * reach) for side in (-1.0, 1.0))
     return {
         "preload_at_end_n": preload,

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
+import scipy
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.localisation.misfit_kind import Signature, explained
@@ -33,11 +33,11 @@ def holm(p_values: Sequence[float]) -> FloatArray:
 
 def chi_squared_p_value(statistic: FloatArray | float, n: FloatArray | int) -> FloatArray:
     """Return the probability of a larger sum of n squares; SciPy's distribution takes ten times as long to say it."""
-    return np.asarray(special.chdtrc(n, statistic))
+    return np.asarray(scipy.special.chdtrc(n, statistic))
 
 
 def _two_sided(standardised: float) -> float:
-    return float(2.0 * special.ndtr(-standardised))
+    return float(2.0 * scipy.special.ndtr(-standardised))
 
 
 def group_p_values(grouping: Grouping, residuals: FloatArray, of: BoolArray) -> FloatArray:
@@ -68,7 +68,7 @@ def order_p_values(residuals: FloatArray, previous: Indices, of: BoolArray) -> I
         both = of[there]
         products = residuals[here[both]] * residuals[there[both]]
         if lag == 1 and products.size:
-            yield float(stats.binom.cdf(np.count_nonzero(products < 0.0), products.size, 0.5))
+            yield float(scipy.stats.binom.cdf(np.count_nonzero(products < 0.0), products.size, 0.5))
         if products.size < _FEWEST_PAIRS:
             return
         q += float(np.sum(products)) ** 2 / (products.size * mean_square**2)
@@ -84,11 +84,11 @@ def size_trend_p_value(levels: FloatArray, squares: FloatArray, n: FloatArray) -
     (n_settings,); a level is NaN where it is not stated.
     """
     usable = np.isfinite(levels) & (n > 0.0)
-    ranks = stats.rankdata(levels[usable])
+    ranks = scipy.stats.rankdata(levels[usable])
     if ranks.size < 3 or np.ptp(ranks) == 0.0:
         return 1.0
     spread = 2.0 / (9.0 * n[usable])
-    sizes = stats.rankdata((np.cbrt(squares[usable] / n[usable]) - 1.0 + spread) / np.sqrt(spread))
+    sizes = scipy.stats.rankdata((np.cbrt(squares[usable] / n[usable]) - 1.0 + spread) / np.sqrt(spread))
     if np.ptp(sizes) == 0.0:
         return 1.0
     coefficient = float(np.corrcoef(ranks, sizes)[0, 1])
@@ -103,7 +103,7 @@ def amount_trend_p_value(levels: FloatArray, along: FloatArray, squares: FloatAr
     that is the same everywhere. Shapes and levels are as in :func:`size_trend_p_value`.
     """
     usable = np.isfinite(levels) & (squares > 0.0)
-    ranks, t, w = stats.rankdata(levels[usable]), along[usable], squares[usable]
+    ranks, t, w = scipy.stats.rankdata(levels[usable]), along[usable], squares[usable]
     if ranks.size < 2 or np.ptp(ranks) == 0.0:
         return 1.0
     a = ranks - np.average(ranks, weights=w)

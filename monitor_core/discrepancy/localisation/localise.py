@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.explanation import Misfit, MisfitKind
@@ -122,7 +122,7 @@ def _worst_groups(grouping: Grouping, squares: FloatArray, of: BoolArray) -> tup
     if excess[worst] <= 0.0 or not parts[2].size:
         return 0.0, groups
     whole, hot, rest = (max(float(np.mean(part)), 1.0) for part in parts)
-    if stats.f.sf(hot / rest, parts[1].size, parts[2].size) > _DIFFERS:
+    if scipy.stats.f.sf(hot / rest, parts[1].size, parts[2].size) > _DIFFERS:
         return 0.0, groups
     terms = [part.size * np.log(variance) for part, variance in zip(parts, (whole, hot, rest), strict=True)]
     return 0.5 * float(terms[0] - terms[1] - terms[2]), groups

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f_oneway, spearmanr
+import scipy
 
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.clean import strain
@@ -113,13 +113,13 @@ def _chances(fitted: Fitted[Physics]) -> Iterator[float]:
         known = np.isfinite(column)
         order = np.flatnonzero(known)
         if order.size > _FEWEST:
-            yield float(spearmanr(order, column[known]).pvalue)
+            yield float(scipy.stats.spearmanr(order, column[known]).pvalue)
         for axis in ConditionAxis:
             of_setting = levels_of(layout, axis)
             groups = [column[known & (of_setting == level)] for level in np.unique(of_setting[known])]
             groups = [group for group in groups if group.size]
             if 1 < len(groups) < np.count_nonzero(known):
-                yield float(f_oneway(*groups).pvalue)
+                yield float(scipy.stats.f_oneway(*groups).pvalue)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import ConditionAxis
@@ -132,7 +132,7 @@ def modes_that_stay(layout: Layout) -> tuple[int, ...]:
             continue
         logarithm, weight = np.log(layout.frequency[at]), layout.standard_deviation[at] ** -2.0
         apart = logarithm - np.average(logarithm, weights=weight)
-        if weight @ apart**2 <= special.chdtri(logarithm.size - 1, 1.0 - _SCATTER):
+        if weight @ apart**2 <= scipy.special.chdtri(logarithm.size - 1, 1.0 - _SCATTER):
             found.append(channel)
     return tuple(found)
 

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
@@ -225,7 +225,7 @@ def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, larges
                 f"a peak must lie within a factor of {1.0 + largest_shift:g} of an elastic mode of the model; "
                 f"{peak.name} is nearest to one at {elastic[distance.argmin()]:.0f} Hz"
             )
-    rows, columns = linear_sum_assignment(away**2)
+    rows, columns = scipy.optimize.linear_sum_assignment(away**2)
     placed = dict(zip(rows.tolist(), columns.tolist(), strict=True))
     for k, peak in enumerate(here):
         if k not in placed or away[k, placed[k]] > math.log1p(largest_shift):

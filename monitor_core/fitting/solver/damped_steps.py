@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
+import scipy
 
 from monitor_core.arrays import FloatArray
 
@@ -92,6 +92,6 @@ class _Around:
         damped = np.vstack([self.slopes, np.sqrt(damping) * np.eye(n)])
         target = np.concatenate([-self.residuals, np.zeros(n)])
         lower, upper = (end * self.scale for end in bounds)
-        step = np.clip(lsq_linear(damped, target, (lower, upper), method="bvls").x, lower, upper)
+        step = np.clip(scipy.optimize.lsq_linear(damped, target, (lower, upper), method="bvls").x, lower, upper)
         left = self.residuals + self.slopes @ step
         return step / self.scale, float(self.residuals @ self.residuals - left @ left)

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 import numpy as np
-from scipy.optimize import OptimizeResult, differential_evolution
+import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError, OutsideValidityError
@@ -94,11 +94,11 @@ def evolve(
     """
     candidates_per_coordinate, n_generations = size
 
-    def after_generation(intermediate_result: OptimizeResult) -> None:
+    def after_generation(intermediate_result: scipy.optimize.OptimizeResult) -> None:
         steps.reach(steps.done + 1)
 
     steps.reach(steps.done)
-    found = differential_evolution(
+    found = scipy.optimize.differential_evolution(
         evaluate,
         list(zip(bounds.lower, bounds.upper, strict=True)),
         popsize=candidates_per_coordinate,

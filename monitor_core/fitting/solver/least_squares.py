@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares, lsq_linear
+import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError, OutsideValidityError
@@ -28,7 +28,7 @@ def bounded_step(
     # So little damping moves no determined direction; without it an unseen one runs to a bound for nothing.
     damped = np.vstack([jacobian / scale, 1e-8 * np.eye(p)])
     target = np.concatenate([-residuals, np.zeros(p)])
-    step = lsq_linear(damped, target, (lowest * scale, highest * scale), method="bvls").x / scale
+    step = scipy.optimize.lsq_linear(damped, target, (lowest * scale, highest * scale), method="bvls").x / scale
     left = residuals + jacobian @ step
     return step, max(float(residuals @ residuals - left @ left), 0.0)
 
@@ -146,7 +146,7 @@ def fit_local(problem: Problem, bounds: Bounds, start: FloatArray, settings: Fit
     settings = settings or FitSettings()
     objective = _Objective(problem, bounds, np.asarray(start, dtype=np.float64), settings)
     try:
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             objective.residuals,
             objective.start,
             jac=objective.jacobian,

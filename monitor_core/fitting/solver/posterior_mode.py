@@ -26,7 +26,7 @@ frequency, is as the linearisation has it.
 import math
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.effects.effect import Physics
@@ -154,7 +154,7 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
 
     still = np.zeros(hypothesis.n_coordinates)
     options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    found = minimize(
+    found = scipy.optimize.minimize(
         half_cost, still, method="L-BFGS-B", bounds=[(-_FARTHEST, _FARTHEST)] * still.size, options=options
     )
     mode = at(found.x)

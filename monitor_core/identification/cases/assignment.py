@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
@@ -109,7 +109,7 @@ def _placed(measured: FloatArray, where: IndexArray, tracks: ModeTracks, limit: 
             here = np.flatnonzero(where == place)
             # more peaks than modes: the last of them stay without one, which is refused by their distance
             cost = (measured[here, None] - model[place] - shift) ** 2 + masked[place]
-            rows, columns = linear_sum_assignment(cost)
+            rows, columns = scipy.optimize.linear_sum_assignment(cost)
             modes[here] = np.argmin(cost, axis=1)
             modes[here[rows]] = columns
         if np.array_equal(before, modes):

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
@@ -116,7 +115,7 @@ def _followed(
     followed = [modes[0]]
     for here in modes[1:]:
         alike = (followed[-1].shape.T @ here.shape) ** 2  # modal assurance criterion, shapes weighted by mass
-        followed.append(here.ordered(linear_sum_assignment(-alike)[1]))
+        followed.append(here.ordered(scipy.optimize.linear_sum_assignment(-alike)[1]))
     return dict(zip(positions, followed, strict=True))
 
 

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError, OutsideValidityError

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
+import scipy
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.models.extended.conditions import EndMasks, end_masks

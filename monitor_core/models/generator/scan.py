@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
@@ -160,7 +160,7 @@ def _propagator(modes: Sequence[NormalModes], step: float) -> _Propagator:
     block[..., 1, 0] = -step * omega**2
     block[..., 1, 1] = -2.0 * step * damping * omega
     block[..., 2, 3] = 1.0
-    exact = linalg.expm(block)
+    exact = scipy.linalg.expm(block)
     constant, slope = exact[..., :2, 2], exact[..., :2, 3]
 
     matrix = np.zeros((len(kept), 2 * n + 3, 2 * n + 2))

@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
+import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError

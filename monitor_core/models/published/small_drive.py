@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
+import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError

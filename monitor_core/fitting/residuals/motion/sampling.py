@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal
+import scipy
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import OutsideValidityError
@@ -58,7 +58,7 @@ class MotionSampling:
 
     def low_passed(self, samples: FloatArray) -> FloatArray:
         """Return samples without the ends, up to the compared band and undelayed, shape (n_inner,)."""
-        smooth: FloatArray = signal.sosfiltfilt(self.filtering, samples)
+        smooth: FloatArray = scipy.signal.sosfiltfilt(self.filtering, samples)
         return self.inner(smooth)  # the ends that the filter makes up are among those left out
 
     def values(self, samples: FloatArray) -> FloatArray:
@@ -90,7 +90,7 @@ def sampling_of(motion: Kinematics) -> MotionSampling:
             f"a motion to be compared must last at least {needed / rate:g} s besides {n_end / rate:g} s at each end "
             f"and standstill; got {got / rate:g} s"
         )
-    filtering = signal.cheby1(_ORDER, _RIPPLE, _BAND * rate / step, output="sos", fs=rate)
+    filtering = scipy.signal.cheby1(_ORDER, _RIPPLE, _BAND * rate / step, output="sos", fs=rate)
     return MotionSampling(rate, cutoff, n, n_end, step, np.flatnonzero(moves), filtering)
 
 
@@ -164,9 +164,9 @@ def _repeatability(record: MotionRecord, force: FloatArray, sampling: MotionSamp
 
 def _white_noise(force: FloatArray, sampling: MotionSampling) -> float:
     """Return what noise that is white up to half the sample rate has in the compared band."""
-    spectrum = fft.rfft(sampling.inner(force))
-    spectrum[fft.rfftfreq(sampling.inner(force).size, 1.0 / sampling.sample_rate) < sampling.cutoff] = 0.0
-    high = fft.irfft(spectrum, sampling.inner(force).size)
+    spectrum = scipy.fft.rfft(sampling.inner(force))
+    spectrum[scipy.fft.rfftfreq(sampling.inner(force).size, 1.0 / sampling.sample_rate) < sampling.cutoff] = 0.0
+    high = scipy.fft.irfft(spectrum, sampling.inner(force).size)
     deviation = float(np.median(np.abs(high))) / _NORMAL_MEDIAN  # jumps at reversals are no noise, and rare
     return deviation * float(np.sqrt(sampling.band / (0.5 * sampling.sample_rate - sampling.cutoff)))
 
@@ -175,8 +175,8 @@ def _mean_square_difference(trajectory: FloatArray) -> FloatArray:
     """Return the mean of (x(t + s) − x(t))² over t for every shift s, shape (n_samples,)."""
     x = trajectory - np.mean(trajectory)
     n = x.size
-    size = fft.next_fast_len(2 * n, real=True)
-    products = fft.irfft(np.abs(fft.rfft(x, size)) ** 2, size)[:n]
+    size = scipy.fft.next_fast_len(2 * n, real=True)
+    products = scipy.fft.irfft(np.abs(scipy.fft.rfft(x, size)) ** 2, size)[:n]
     square = np.r_[0.0, np.cumsum(x**2)]
     both = square[n - np.arange(n)] + square[n] - square[np.arange(n)]
     mean: FloatArray = np.maximum(both - 2.0 * products, 0.0) / (n - np.arange(n))  # rounding may leave less than none

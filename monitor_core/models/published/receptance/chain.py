@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.models.protocol import DriveConditions, MotorEnd, require_position
