@@ -44,42 +44,38 @@ from service.errors import ServiceError, StorageError
 from service.jobs import JobRunner, Work
 from service.observability import Metrics
 from service.operations.access.access import Access
-from service.operations.advice.advice import read_advice
+from service.operations.advice import read_advice
+from service.operations.alarm_cause import KIND as ALARM_EXPLANATION
+from service.operations.alarm_cause import AlarmExplanations
 from service.operations.analysis_job import AnalysisJob
 from service.operations.calibrating.fit_job import KIND as CALIBRATION
 from service.operations.calibrating.fit_job import CalibrationJobs
 from service.operations.calibrating.plan import CalibrationPlans
-from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
-from service.operations.discrepancy.alarm_cause import AlarmExplanations
-from service.operations.discrepancy.discrepancy_job import DISCREPANCY
-from service.operations.identification.identification_job import IDENTIFICATION
-from service.operations.keeping.pins import Pins
-from service.operations.keeping.purge import Purge
-from service.operations.keeping.purges import KIND as PURGE
-from service.operations.keeping.purges import Purges
-from service.operations.keeping.rule import rule_of
-from service.operations.keeping.survey import Surveys
-from service.operations.monitoring.alarms import Alarms
+from service.operations.discrepancy_job import DISCREPANCY
+from service.operations.identification_job import IDENTIFICATION
+from service.operations.monitoring.alarms import Alarms, Shelves
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.consequences import Consequences
 from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
+from service.operations.monitoring.intake.epochs import renew_charts
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
-from service.operations.monitoring.intake.renewal import renew_charts
 from service.operations.monitoring.long_run import LongRun
 from service.operations.monitoring.maintenance import Maintenance
-from service.operations.monitoring.rejudging.rejudgements import Rejudgements
+from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
-from service.operations.monitoring.shelves import Shelves
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.receivers import Receivers, read_receivers
+from service.operations.purge import KIND as PURGE
+from service.operations.purge import Purge, Purges
 from service.operations.recordings.recordings import CHECK, Recordings
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.stored_windows import StoredWindows
+from service.operations.retention import Pins, Surveys, rule_of
 from service.operations.system import System
 from service.operations.trial.trial import KIND as TRIAL
 from service.operations.trial.trial import Trials
@@ -288,7 +284,7 @@ def _senders(receivers: Receivers, source: str) -> "list[Sender]":
         *(MailSender(mail, source) for mail in receivers.mail),
     ]
     if receivers.mqtt:
-        from service.operations.notices.mqtt_sender import MqttSender  # noqa: PLC0415  # an extra
+        from service.operations.notices.mqtt import MqttSender  # noqa: PLC0415  # an extra
 
         senders += [MqttSender(broker, source) for broker in receivers.mqtt]
     return senders

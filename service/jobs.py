@@ -19,7 +19,7 @@ from typing import TypeVar
 from sqlalchemy.orm import Session
 
 from service.clock import now
-from service.errors import BusyError, StorageError
+from service.errors import BusyError, ServiceError, StorageError
 from service.json_types import JsonObject
 from service.store import axes, jobs
 from service.store.database import Database
@@ -301,3 +301,34 @@ class _Lane:
 def _require_own(row: JobRow, owner: str) -> None:
     if row.status != jobs.RUNNING or row.owner != owner:
         raise JobCancelledError
+
+
+class Repeatedly:
+    """Does something at once and then after every pause. What fails is logged as waiting, and tried again."""
+
+    def __init__(self, name: str, act: Callable[[], object], *, every_s: float, waits: str) -> None:
+        self._act = act
+        self._every_s = every_s
+        self._waits = waits  # what waits where it fails
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Do it no more; what is under way is ended first."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _serve(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._act()
+            except ServiceError as error:
+                log.warning("%s waits: %s", self._waits, error)
+            except Exception:  # the edge of this thread, which must live on
+                log.exception("%s waits", self._waits)
+            self._stopping.wait(self._every_s)

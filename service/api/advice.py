@@ -6,7 +6,7 @@ from fastapi import APIRouter, Depends
 from pydantic import BaseModel
 
 from service.api.services import Services, services
-from service.operations.advice.advice import Advice, Look, Section
+from service.operations.advice import Advice, Look, Section
 
 router = APIRouter(prefix="/v1", tags=["operations"])
 

@@ -10,9 +10,9 @@ from fastapi.responses import HTMLResponse
 
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
-from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
+from service.operations.discrepancy_job import DiscrepancyIn
 from service.operations.fields import AxisId, JobId
-from service.operations.identification.identification_job import IdentificationIn
+from service.operations.identification_job import IdentificationIn
 
 #: A report is a file of its own, with its style in it and no script.
 _OF_REPORT = {

@@ -15,7 +15,7 @@ from service.json_types import JsonObject
 from service.operations.analysis_job import MeasurementRange
 from service.operations.fields import AxisId, Number, RequestModel, RowId, Text, exactly_one_of
 from service.operations.monitoring.calibrations import CalibrationOverview
-from service.operations.monitoring.rejudging.rejudgements import RejudgementIn
+from service.operations.monitoring.rejudgements import RejudgementIn
 from service.store.tables import CalibrationRow
 
 router = APIRouter(prefix="/v1", tags=["calibrations"])

@@ -9,9 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.fields import AxisId, Moment, RequestModel, RowId, Text
-from service.operations.keeping.pins import Reason
-from service.operations.keeping.rule import Rule, Why
-from service.operations.keeping.survey import Share, Survey
+from service.operations.retention import Reason, Rule, Share, Survey, Why
 from service.store.tables import PinRow
 
 router = APIRouter(prefix="/v1", tags=["retention"])

@@ -8,17 +8,14 @@ from fastapi import Request
 from service.jobs import JobRunner
 from service.observability import Metrics
 from service.operations.access.access import Access
-from service.operations.advice.advice import AdviceTable
+from service.operations.advice import AdviceTable
+from service.operations.alarm_cause import AlarmExplanations
 from service.operations.analysis_job import AnalysisJob
 from service.operations.calibrating.fit_job import CalibrationJobs
 from service.operations.calibrating.plan import CalibrationPlans
-from service.operations.discrepancy.alarm_cause import AlarmExplanations
-from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
-from service.operations.identification.identification_job import IdentificationIn
-from service.operations.keeping.pins import Pins
-from service.operations.keeping.purges import Purges
-from service.operations.keeping.survey import Surveys
-from service.operations.monitoring.alarms import Alarms
+from service.operations.discrepancy_job import DiscrepancyIn
+from service.operations.identification_job import IdentificationIn
+from service.operations.monitoring.alarms import Alarms, Shelves
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
@@ -28,13 +25,14 @@ from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.long_run import LongRun
 from service.operations.monitoring.maintenance import Maintenance
-from service.operations.monitoring.rejudging.rejudgements import Rejudgements
+from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
-from service.operations.monitoring.shelves import Shelves
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
+from service.operations.purge import Purges
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
+from service.operations.retention import Pins, Surveys
 from service.operations.system import System
 from service.operations.trial.trial import Trials
 from service.store.database import Database

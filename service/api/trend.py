@@ -19,8 +19,8 @@ from service.documents.measurement import interval_of, numbers
 from service.json_types import JsonObject
 from service.operations.fields import AxisId, Moment, RequestModel, RowId
 from service.operations.monitoring.evidence import OtherJudgement
-from service.operations.monitoring.rejudging.stale import Stale
 from service.operations.monitoring.trend import Only, thin_out
+from service.store.rejudged import Stale
 from service.store.trend.points import Span, TrendPoint
 
 router = APIRouter(prefix="/v1", tags=["trend"])

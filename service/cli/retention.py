@@ -11,9 +11,8 @@ import click
 from service.api.retention import RetentionOut, retention_out
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.clock import now
-from service.operations.keeping.purge import Purge
-from service.operations.keeping.rule import Rule, rule_of
-from service.operations.keeping.survey import survey
+from service.operations.purge import Purge
+from service.operations.retention import Rule, rule_of, survey
 from service.settings import Settings
 from service.store.database import Database
 from service.store.waveform_files import files_at

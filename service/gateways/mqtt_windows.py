@@ -13,8 +13,8 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.api.http.body import JSON_TYPE, MSGPACK_TYPE
 from service.api.http.problems import MEDIA_TYPE as PROBLEM_TYPE
-from service.operations.notices.broker import Broker, Name
-from service.operations.notices.mqtt_connection import Message, begin, new_client
+from service.operations.notices.mqtt import Message, begin, new_client
+from service.operations.notices.receivers import Broker, Name
 from service.operations.notices.senders import NotTakenError
 
 if TYPE_CHECKING:

@@ -67,6 +67,25 @@ def unfinished_of(session: Session, axis_id: str | None = None) -> list[JobRow]:
     return list(session.scalars(query if axis_id is None else query.where(JobRow.axis_id == axis_id)))
 
 
+@dataclass(frozen=True, slots=True)
+class Stale:
+    """The job that judges a history anew, and by which calibration."""
+
+    job: str
+    calibration: int
+
+
+def stale_axes(session: Session, axis_id: str | None = None) -> dict[str, Stale]:
+    """Return the axes whose values are about to be replaced, all or one of them; dry runs replace nothing."""
+    return {
+        row.axis_id: Stale(row.id, calibration)
+        for row in unfinished_of(session, axis_id)
+        if row.axis_id is not None
+        and not row.arguments.get("dry_run")
+        and isinstance(calibration := row.arguments.get("calibration"), int)
+    }
+
+
 def left_to_judge(
     connection: Connection, job_id: str, axis_id: str, span: Span, *, after: Cursor | None, limit: int
 ) -> list[MeasurementRecord]:

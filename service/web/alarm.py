@@ -11,7 +11,7 @@ from service.clock import now
 from service.documents.axis_sentence import alarm_sentence
 from service.documents.measurement import AlarmEvidence, interval_of, read_evidence
 from service.documents.said import N_
-from service.operations.advice.advice import Advice
+from service.operations.advice import Advice
 from service.operations.fields import RowId
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.history import AxisHistory

@@ -14,7 +14,7 @@ from service.api.services import Services, services
 from service.documents.axis_sentence import standing
 from service.documents.measurement import interval_of
 from service.documents.said import N_
-from service.operations.discrepancy.discrepancy_job import finished_discrepancies
+from service.operations.discrepancy_job import finished_discrepancies
 from service.operations.fields import AxisId
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview

@@ -11,9 +11,9 @@ from service.api.services import Services, services
 from service.errors import ServiceError
 from service.json_types import JsonObject
 from service.operations.analysis_job import MOST_MEASUREMENTS
-from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
+from service.operations.discrepancy_job import DiscrepancyIn
 from service.operations.fields import AxisId
-from service.operations.identification.identification_job import IdentificationIn
+from service.operations.identification_job import IdentificationIn
 from service.operations.monitoring.axis_configuration import load_configuration
 from service.store.tables import JobRow
 from service.store.trend.points import Span

@@ -15,7 +15,7 @@ from service.json_types import JsonObject
 from service.operations.calibrating.fit_job import KIND, CalibrationJobIn
 from service.operations.calibrating.plan import PlanIn
 from service.operations.fields import AxisId, JobId, RowId, Text
-from service.operations.monitoring.rejudging.rejudgements import RejudgementIn
+from service.operations.monitoring.rejudgements import RejudgementIn
 from service.store.tables import CalibrationRow
 from service.web.calibration_view import Reading, kind_of, residual_charts, settings_charts
 from service.web.site import Page, PageOf, done

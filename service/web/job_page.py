@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.fields import JobId
-from service.operations.monitoring.rejudging.comparison import Column
+from service.operations.monitoring.rejudged_history import Column
 from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)

@@ -8,8 +8,8 @@ from pydantic import BaseModel, Field
 from service.api.services import Services, services
 from service.errors import InvalidRequestError
 from service.operations.fields import AxisId, RowId, Text
-from service.operations.keeping.pins import Reason
-from service.operations.monitoring.rejudging.rejudgements import RejudgementIn
+from service.operations.monitoring.rejudgements import RejudgementIn
+from service.operations.retention import Reason
 from service.store.trend.points import Span
 from service.web.forms import SpanForm
 from service.web.site import PageOf, done

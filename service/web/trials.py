@@ -7,8 +7,7 @@ from fastapi import APIRouter, Depends, Response
 
 from service.api.services import Services, services
 from service.operations.monitoring.trend import AxisStatus
-from service.operations.trial.simulated import N_WINDOWS
-from service.operations.trial.story import EVERY, N_MEASUREMENTS
+from service.operations.trial.story import EVERY, N_MEASUREMENTS, N_WINDOWS
 from service.operations.trial.trial import TRIAL_MACHINE
 from service.web.site import done
 

@@ -15,7 +15,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from service.operations.notices.broker import Broker
+from service.operations.notices.receivers import Broker
 from tests.service.conftest import free_port
 
 #: Debian puts it where only root looks.

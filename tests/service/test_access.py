@@ -17,8 +17,8 @@ from service.cli.remote import server
 from service.clock import now
 from service.errors import ConflictError, InvalidRequestError
 from service.operations.access import access
+from service.operations.access.access import FREE_TRIES, LONGEST_WAIT_S, LoginThrottle
 from service.operations.access.passwords import hashed_password, is_password
-from service.operations.access.patience import FREE_TRIES, LONGEST_WAIT_S, Patience
 from service.operations.access.people import People
 from service.operations.access.scopes import EVERYTHING, ROLES, Scope
 from service.settings import Settings
@@ -118,7 +118,7 @@ def test_each_route_is_denied_without_its_scope_and_to_nobody(closed: Closed, me
     needed, path = NEEDED.get((method, template), Scope.ADMIN), path_of(template)
     assert closed.status(method, path, None) == 401
     assert closed.status(method, path, "Bearer preload_of_nobody") == 401
-    closed.access.patience.right("key from 127.0.0.1")
+    closed.access.throttle.right("key from 127.0.0.1")
     assert closed.status(method, path, closed.key(*(EVERYTHING - {needed}))) == 403
     assert closed.status(method, path, closed.key(needed)) not in (401, 403)
 
@@ -198,25 +198,25 @@ def test_guessing_is_slowed(closed: Closed) -> None:
     answer = closed.http.post("/login", data={"name": "nobody", "password": PASSWORD})
     assert answer.status_code == 429
     assert int(answer.headers["retry-after"]) >= 1
-    closed.access.patience.right("address 127.0.0.1", "user nobody", "key from 127.0.0.1")
+    closed.access.throttle.right("address 127.0.0.1", "user nobody", "key from 127.0.0.1")
     statuses = [closed.status("GET", "/v1/axes", f"Bearer guess{n}") for n in range(FREE_TRIES + 1)]
     assert statuses == [401] * FREE_TRIES + [429]
-    closed.access.patience.right("key from 127.0.0.1")
+    closed.access.throttle.right("key from 127.0.0.1")
 
 
 def test_each_wrong_try_doubles_the_wait() -> None:
-    patience, at, waits = Patience(), 0.0, []
+    throttle, at, waits = LoginThrottle(), 0.0, []
     for _ in range(FREE_TRIES + 12):
-        wait = patience.wait_s("anna", at_s=at)
+        wait = throttle.wait_s("anna", at_s=at)
         waits.append(wait)
         at += wait
-        patience.wrong("anna", at_s=at)
+        throttle.wrong("anna", at_s=at)
     assert waits[: FREE_TRIES + 1] == [0.0] * FREE_TRIES + [1.0]
     assert waits[FREE_TRIES : FREE_TRIES + 9] == [2.0**n for n in range(9)]
     assert max(waits) == LONGEST_WAIT_S
-    assert patience.wait_s("berta", at_s=at) == 0.0
-    patience.right("anna")
-    assert patience.wait_s("anna", at_s=at) == 0.0
+    assert throttle.wait_s("berta", at_s=at) == 0.0
+    throttle.right("anna")
+    assert throttle.wait_s("anna", at_s=at) == 0.0
 
 
 def test_every_change_is_in_the_log_with_who_and_what_became_of_it(closed: Closed) -> None:
@@ -317,7 +317,7 @@ def test_a_user_who_is_disabled_or_has_another_password_is_logged_out(closed: Cl
             closed.access.forget()
             assert http.get("/v1/axes").status_code == 401
             assert http.post("/login", data={"name": f"carl {n}", "password": PASSWORD}).status_code == 401
-        closed.access.patience.right("address 127.0.0.1")
+        closed.access.throttle.right("address 127.0.0.1")
 
 
 def test_passwords_are_long_and_stored_as_hashes(closed: Closed) -> None:

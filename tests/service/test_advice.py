@@ -9,7 +9,7 @@ from monitor_core.preload.doubts import DoubtReason
 from monitor_core.recording import RejectionReason
 from monitor_core.trend.state import TrendStatus
 from service.errors import DataFolderError
-from service.operations.advice.advice import TABLE, read_advice
+from service.operations.advice import TABLE, read_advice
 from service.operations.monitoring.intake.charts import Uncharted
 from tests.service.conftest import running_service
 

@@ -8,7 +8,7 @@ import pytest
 from service.clock import now, text_of
 from service.operations.monitoring import alarm_changes, alarms
 from service.operations.monitoring import changes as marks
-from service.operations.monitoring.shelves import Shelves
+from service.operations.monitoring.alarms import Shelves
 from service.store.database import Database
 from service.store.tables import AlarmRow, NoticeRow
 from tests.browser.states import CONFIGURATION, WORN, measure

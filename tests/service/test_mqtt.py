@@ -31,7 +31,7 @@ from service.observability import Metrics
 from service.operations.access.scopes import Scope
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import Dispatcher
-from service.operations.notices.mqtt_sender import MqttSender
+from service.operations.notices.mqtt import MqttSender
 from service.operations.notices.senders import Notice, NotTakenError
 from service.store import notices
 from service.store.database import Database

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from monitor_core.recording import Window
-from service.operations.monitoring.rejudging import rejudgements
+from service.operations.monitoring import rejudgements
 from tests.service.arrivals import AXIS, history, said_of
 from tests.service.conftest import (
     START,

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from service.clock import now
-from service.operations.keeping.purge import Purge
-from service.operations.keeping.rule import rule_of
+from service.operations.purge import Purge
+from service.operations.retention import rule_of
 from service.settings import Settings
 from service.store.database import Database
 from service.store.safekeeping.backup import back_up

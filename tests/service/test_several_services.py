@@ -19,8 +19,8 @@ from service.errors import BusyError, DataFolderError, StorageError
 from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.observability import Metrics
 from service.operations.access.people import People
+from service.operations.monitoring.alarms import Shelves
 from service.operations.monitoring.intake.batch import Batch
-from service.operations.monitoring.shelves import Shelves
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.senders import Notice

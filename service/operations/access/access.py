@@ -2,13 +2,13 @@
 
 import threading
 import time
+from collections import OrderedDict
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from service.clock import now
 from service.errors import ForbiddenError, TooManyTriesError, UnauthenticatedError
 from service.operations.access.passwords import fingerprint, is_password, new_token, of_nobody
-from service.operations.access.patience import Patience
 from service.operations.access.scopes import ANYONE, ROLES, Caller, Scope
 from service.store import access
 from service.store.database import Database
@@ -21,6 +21,53 @@ _ASKED_AGAIN_S = 0.2
 #: The moment of last use of a key is written so often.
 _NOTED_EVERY_S = 60.0
 SESSION_LASTS = timedelta(hours=12)
+#: So many may be wrong without a wait, as people are; then 1, 2, 4 … seconds, not more than this.
+FREE_TRIES = 5
+LONGEST_WAIT_S = 300.0
+#: After so long without a wrong try it is forgotten.
+_FORGOTTEN_AFTER_S = 3600.0
+_MOST_NAMES = 10_000
+
+
+@dataclass(slots=True)
+class _Tries:
+    n_wrong: int
+    last_s: float
+
+
+class LoginThrottle:
+    """Counts wrong tries by what was tried: the name of a user, the address of a caller. Times are of one clock."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._tries: OrderedDict[str, _Tries] = OrderedDict()
+
+    def wait_s(self, *names: str, at_s: float) -> float:
+        """Return how long to wait before the next try of any of the names; 0: try now."""
+        with self._lock:
+            return max((self._wait(name, at_s) for name in names), default=0.0)
+
+    def wrong(self, *names: str, at_s: float) -> None:
+        """Note a wrong try."""
+        with self._lock:
+            for name in names:
+                tries = self._tries.pop(name, None)
+                known = 0 if tries is None or at_s - tries.last_s > _FORGOTTEN_AFTER_S else tries.n_wrong
+                self._tries[name] = _Tries(known + 1, at_s)
+            while len(self._tries) > _MOST_NAMES:
+                self._tries.popitem(last=False)
+
+    def right(self, *names: str) -> None:
+        """Forget the wrong tries of who turned out to be right."""
+        with self._lock:
+            for name in names:
+                self._tries.pop(name, None)
+
+    def _wait(self, name: str, at_s: float) -> float:
+        tries = self._tries.get(name)
+        if tries is None or tries.n_wrong < FREE_TRIES or at_s - tries.last_s > _FORGOTTEN_AFTER_S:
+            return 0.0
+        return max(0.0, tries.last_s + min(2.0 ** (tries.n_wrong - FREE_TRIES), LONGEST_WAIT_S) - at_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +93,7 @@ class Access:
         self._known: _Known | None = None
         self._used: dict[int, datetime] = {}
         self._noted_at_s = time.monotonic()
-        self.patience = Patience()
+        self.throttle = LoginThrottle()
 
     def is_known(self, cookie: str | None) -> bool:
         """Return whether :meth:`caller` answers without the database."""
@@ -74,15 +121,15 @@ class Access:
         Raises UnauthenticatedError if there is no such user with this password; TooManyTriesError after too many tries.
         """
         at_s, tried = time.monotonic(), (f"user {name}", f"address {address}")
-        self._require_patience(*tried, at_s=at_s)
+        self._require_no_wait(*tried, at_s=at_s)
         with self._database.read() as session:
             users = {row.name: row for row in access.list_users(session) if row.disabled_at is None}
         user = users.get(name)
         if not is_password(password, of_nobody() if user is None else user.password_hash) or user is None:
-            self.patience.wrong(*tried, at_s=at_s)
+            self.throttle.wrong(*tried, at_s=at_s)
             self.note(f"user {name}"[:120], "log in", "/login", 401)
             raise UnauthenticatedError("there is no such user with this password")
-        self.patience.right(*tried)
+        self.throttle.right(*tried)
         token, at = new_token(), now()
         with self._database.write() as session:
             access.drop_expired_sessions(session, at)
@@ -137,8 +184,8 @@ class Access:
         at_s, tried = time.monotonic(), f"key from {address}"
         found = known.keys.get(fingerprint(key))
         if found is None or (found[2] is not None and found[2] <= now()):
-            self._require_patience(tried, at_s=at_s)
-            self.patience.wrong(tried, at_s=at_s)
+            self._require_no_wait(tried, at_s=at_s)
+            self.throttle.wrong(tried, at_s=at_s)
             raise UnauthenticatedError(
                 "the key is unknown, revoked or expired; `preload key list` shows those there are"
             )
@@ -146,8 +193,8 @@ class Access:
         self._used[number] = now()
         return caller
 
-    def _require_patience(self, *tried: str, at_s: float) -> None:
-        wait_s = self.patience.wait_s(*tried, at_s=at_s)
+    def _require_no_wait(self, *tried: str, at_s: float) -> None:
+        wait_s = self.throttle.wait_s(*tried, at_s=at_s)
         if wait_s > 0.0:
             raise TooManyTriesError(f"too many wrong tries; try again in {wait_s:.0f} s or later", wait_s)
 

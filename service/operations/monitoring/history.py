@@ -24,9 +24,9 @@ from service.documents.history import (
 )
 from service.json_types import JsonObject
 from service.operations.monitoring.intake.chart_state import load_design, load_state
-from service.operations.monitoring.rejudging.stale import Stale, stale_axes
 from service.store import axes, calibrations, maintenance
 from service.store.database import Database
+from service.store.rejudged import Stale, stale_axes
 from service.store.tables import MaintenanceRow
 from service.store.trend.sessions import SessionRecord, newest_sessions
 

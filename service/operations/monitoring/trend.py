@@ -20,10 +20,10 @@ from service.errors import DocumentDamagedError, UnreadableBodyError
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.intake.chart_state import load_design, load_state, state_now
-from service.operations.monitoring.rejudging.stale import Stale, stale_axes
 from service.store import alarms, axes, measurements
 from service.store.database import Database, document_of
 from service.store.intake import outcomes_of
+from service.store.rejudged import Stale, stale_axes
 from service.store.retention import LetGo, let_go
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, microseconds_of
 from service.store.trend.points import (

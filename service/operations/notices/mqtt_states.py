@@ -11,8 +11,8 @@ from service.clock import now, text_of
 from service.errors import DocumentDamagedError, ServiceError, UnknownResourceError
 from service.json_types import JsonObject
 from service.operations.monitoring.trend import AxisStatus, Trend
-from service.operations.notices.broker import Broker
-from service.operations.notices.mqtt_connection import Connection, Message
+from service.operations.notices.mqtt import Connection, Message
+from service.operations.notices.receivers import Broker
 from service.operations.notices.senders import NotTakenError
 
 log = logging.getLogger(__name__)

@@ -21,8 +21,19 @@ from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.maintenance import Maintenance, MaintenanceIn, Work
 from service.operations.monitoring.trend import Trend
-from service.operations.trial.simulated import BAND, N_WINDOWS, SAMPLE_RATE, machine_text, measurements_of
-from service.operations.trial.story import COMMISSIONED, EVERY, Chapter, Deed, sister_story, story
+from service.operations.trial.story import (
+    BAND,
+    COMMISSIONED,
+    EVERY,
+    N_WINDOWS,
+    SAMPLE_RATE,
+    Chapter,
+    Deed,
+    machine_text,
+    measurements_of,
+    sister_story,
+    story,
+)
 from service.store import alarms, backdating, jobs
 from service.store.database import Database
 from service.store.tables import AxisRow, JobRow

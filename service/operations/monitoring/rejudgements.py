@@ -19,9 +19,7 @@ from service.json_types import JsonObject
 from service.operations.fields import Moment, RequestModel, Text
 from service.operations.monitoring.axis_configuration import load_configuration
 from service.operations.monitoring.intake.known import Lanes
-from service.operations.monitoring.rejudging.comparison import Column
-from service.operations.monitoring.rejudging.history import Swapped, swap
-from service.operations.monitoring.rejudging.measurement import Anew, judged_anew
+from service.operations.monitoring.rejudged_history import Anew, Column, Swapped, judged_anew, swap
 from service.store import calibrations, intake, rejudged
 from service.store.axes import get_axis
 from service.store.database import Database, reading, trying, writing

@@ -1,5 +1,6 @@
 """Connect to an MQTT broker and publish: what it has acknowledged is told, anything else is not."""
 
+import json
 import queue
 import ssl
 import time
@@ -9,9 +10,8 @@ from types import TracebackType
 from typing import Self
 
 from service.errors import DataFolderError
-from service.operations.notices.broker import Broker
-from service.operations.notices.receivers import read_secret
-from service.operations.notices.senders import TIMEOUT_S, NotTakenError
+from service.operations.notices.receivers import Broker, read_secret
+from service.operations.notices.senders import CLOUD_EVENT_TYPE, TIMEOUT_S, Notice, NotTakenError, cloud_event
 
 try:
     from paho.mqtt import client as paho
@@ -170,3 +170,27 @@ class Connection:
     def _lose(self, *_: object) -> None:
         self.is_lost = True
         self._answers.put(None)
+
+
+class MqttSender:
+    """Publishes CloudEvents, one connection for each: alarms are rare, and a connection that was lost says so at once.
+
+    A notice is taken when the broker has acknowledged it and somebody subscribes to it.
+    """
+
+    def __init__(self, broker: Broker, source: str) -> None:
+        self.name = broker.name
+        self._broker = broker
+        self._source = source
+
+    def send(self, notice: Notice) -> None:
+        """Publish a notice; raises NotTakenError unless the broker acknowledges it for somebody."""
+        message = Message(
+            f"{self._broker.root}/{notice.subject}/alarms",
+            json.dumps(cloud_event(notice, self._source), ensure_ascii=False).encode(),
+            content_type=CLOUD_EVENT_TYPE,
+            user_properties=(("id", str(notice.number)),),
+        )
+        with Connection(self._broker) as connection:
+            if not connection.publish(message):
+                raise NotTakenError(f"nobody subscribes to {message.topic}")

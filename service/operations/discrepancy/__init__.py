@@ -1,1 +1,0 @@
-"""Jobs that explain discrepancies and alarms."""

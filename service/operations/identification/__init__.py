@@ -1,1 +1,0 @@
-"""Jobs that identify the joints of an axis."""

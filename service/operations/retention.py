@@ -1,0 +1,308 @@
+"""The rule by which raw waveforms are kept: so many days, and longer where there is a reason to."""
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from itertools import pairwise
+
+from sqlalchemy import Connection
+
+from service.clock import now
+from service.documents.measurement import read_evidence
+from service.errors import UnknownResourceError
+from service.settings import Settings
+from service.store import measurements, retention
+from service.store.axes import get_axis
+from service.store.database import Database, reading
+from service.store.retention import StoredWindow, settled_with
+from service.store.tables import PinRow, PurgeRow
+from service.store.trend.points import Span
+from service.store.waveforms import WaveformStore, folder_of_day
+
+
+class Why(StrEnum):
+    """Why a window is kept."""
+
+    FOR_EVER = "for-ever"  # there is no rule
+    YOUNG = "young"
+    OPEN = "open"  # its measurement may still be judged
+    PIN = "pin"
+    CALIBRATION = "calibration"  # its preload was set on purpose
+    ALARM = "alarm"
+
+
+_INCLUSIVE = timedelta(microseconds=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """How long raw waveforms are kept; what is found in them is kept for ever."""
+
+    keep_raw_days: int | None  # None: for ever
+    before_alarm: timedelta
+    after_alarm: timedelta
+
+    def lets_go_before(self, at: datetime) -> datetime | None:
+        """Return the moment before which a window must have arrived to be let go: days are let go as a whole, UTC.
+
+        None: nothing is let go.
+        """
+        if self.keep_raw_days is None:
+            return None
+        today = at.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+        return today - timedelta(days=self.keep_raw_days)
+
+
+def rule_of(settings: Settings) -> Rule:
+    """Return the rule that is set."""
+    return Rule(
+        settings.keep_raw_days,
+        timedelta(days=settings.keep_before_alarm_days),
+        timedelta(days=settings.keep_after_alarm_days),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Holds:
+    """What of an axis is kept whatever its age."""
+
+    pinned: frozenset[int]  # measurements
+    pinned_spans: Sequence[Span]
+    alarm_spans: Sequence[Span]
+
+    def why(self, window: StoredWindow) -> Why | None:
+        """Return why a window is kept that is old enough to be let go; None: it is let go."""
+        if window.is_open:
+            return Why.OPEN
+        if window.measurement_id in self.pinned or _within(window.measured_at, self.pinned_spans):
+            return Why.PIN
+        if window.preload_was_set:
+            return Why.CALIBRATION
+        return Why.ALARM if _within(window.measured_at, self.alarm_spans) else None
+
+
+def holds_of(connection: Connection, axis_id: str, rule: Rule) -> Holds:
+    """Return what of an axis is kept whatever its age: what is pinned, and what lies around its alarms."""
+    pins = retention.pins_of(connection, axis_id)
+    alarms = [
+        Span(read_evidence(evidence).onset - rule.before_alarm, measured_at + rule.after_alarm + _INCLUSIVE)
+        for measured_at, evidence in retention.alarms_of(connection, axis_id)
+    ]
+    return Holds(
+        frozenset(number for number, _, _ in pins if number is not None),
+        [Span(start, end) for number, start, end in pins if number is None],
+        alarms,
+    )
+
+
+def _within(moment: datetime, spans: Sequence[Span]) -> bool:
+    return any(
+        (span.start is None or span.start <= moment) and (span.end is None or moment < span.end) for span in spans
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why something is pinned, and by whom."""
+
+    reason: str
+    who: str
+
+
+class Pins:
+    """Makes, lists and removes pins."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def pin_measurement(self, axis_id: str, measurement_id: int, why: Reason) -> PinRow:
+        """Keep the waveforms of a measurement; if it is pinned already, for this reason from now on.
+
+        Raises LetGoError if they were let go.
+        """
+        with self._database.write() as session, settled_with(session.connection()):
+            measurements.get_measurement(session, axis_id, measurement_id)
+            retention.require_stored(session.connection(), [measurement_id])
+            row = retention.pin_of_measurement(session, measurement_id)
+            if row is None:
+                row = PinRow(
+                    axis_id=axis_id, measurement_id=measurement_id, start_at=None, end_at=None,
+                    reason=why.reason, who=why.who, at=now(),
+                )  # fmt: skip
+                session.add(row)
+            row.reason, row.who, row.at = why.reason, why.who, now()
+            return row
+
+    def unpin_measurement(self, axis_id: str, measurement_id: int) -> PinRow:
+        """Let the rule decide about a measurement again; return the pin that it had."""
+        with self._database.write() as session, settled_with(session.connection()):
+            measurements.get_measurement(session, axis_id, measurement_id)
+            row = retention.pin_of_measurement(session, measurement_id)
+            if row is None:
+                raise UnknownResourceError(f"measurement {measurement_id} is not pinned")
+            session.delete(row)
+            return row
+
+    def pin_span(self, axis_id: str, span: tuple[datetime, datetime], why: Reason) -> PinRow:
+        """Keep what is still stored of the measurements of an axis that began in a span, and what is yet to come."""
+        with self._database.write() as session, settled_with(session.connection()):
+            get_axis(session, axis_id)
+            start, end = span
+            row = PinRow(
+                axis_id=axis_id, measurement_id=None, start_at=start, end_at=end,
+                reason=why.reason, who=why.who, at=now(),
+            )  # fmt: skip
+            session.add(row)
+            return row
+
+    def remove(self, axis_id: str, pin_id: int) -> PinRow:
+        """Let the rule decide again about what a pin kept; return it as it was."""
+        with self._database.write() as session, settled_with(session.connection()):
+            row = session.get(PinRow, pin_id)
+            if row is None or row.axis_id != axis_id:
+                raise UnknownResourceError(f"axis '{axis_id}' has no pin {pin_id}")
+            session.delete(row)
+            return row
+
+    def list(self, axis_id: str, before_id: int | None, limit: int) -> list[PinRow]:
+        """Return pins of an axis, newest first."""
+        with self._database.read() as session:
+            get_axis(session, axis_id)
+            return retention.list_pins(session, axis_id, before_id, limit)
+
+
+#: To walk through all files takes seconds where there are many: what was counted is told again for so long.
+FRESH_S = 60.0
+#: The pace is that of so many days.
+PACE_DAYS, FEWEST_DAYS = 30, 1.0
+MOST_PURGES = 10
+_YEAR = timedelta(days=365.25)
+_BYTES_PER_GB = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """So many windows, and the bytes that they take on the disk."""
+
+    n_windows: int
+    n_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """What an axis stores."""
+
+    axis_id: str
+    days: float  # that it was counted over
+    n_bytes: int  # stored in these days
+
+    @property
+    def gb_per_year(self) -> float | None:
+        """What a year would bring at this pace [GB, 1e9 bytes]; None: less than a day says nothing of a year."""
+        if self.days < FEWEST_DAYS:
+            return None
+        return self.n_bytes / _BYTES_PER_GB * (_YEAR / timedelta(days=self.days))
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What is stored at one moment."""
+
+    at: datetime
+    rule: Rule
+    lets_go_before: datetime | None
+    n_files: int
+    n_bytes: int
+    kept: dict[Why, Share]
+    to_let_go: Share
+    unnamed_bytes: int  # of old files that no window names: a crash of the service left them
+    n_let_go: int  # windows whose waveforms earlier purges let go
+    purges: Sequence[PurgeRow]  # newest first
+    paces: Sequence[Pace]
+
+
+class Surveys:
+    """Counts what is stored, one survey at a time."""
+
+    def __init__(self, database: Database, waveforms: WaveformStore, rule: Rule) -> None:
+        self._database = database
+        self._waveforms = waveforms
+        self._rule = rule
+        self._lock = threading.Lock()
+        self._newest: tuple[float, tuple[object, ...], Survey] | None = None
+
+    @property
+    def rule(self) -> Rule:
+        """The rule by which waveforms are kept."""
+        return self._rule
+
+    def newest(self) -> Survey:
+        """Return a survey that is not older than a minute, nor than the newest purge or pin."""
+        with self._lock:
+            with self._database.connect() as connection, reading(connection):
+                changes = retention.changes(connection)
+            if self._newest is None or time.monotonic() - self._newest[0] > FRESH_S or self._newest[1] != changes:
+                found = survey(self._database, self._waveforms, self._rule, now())
+                self._newest = time.monotonic(), changes, found
+            return self._newest[2]
+
+
+def survey(database: Database, waveforms: WaveformStore, rule: Rule, at: datetime) -> Survey:
+    """Count what is stored, and what the rule would let go now."""
+    sizes, before = dict(waveforms.sizes()), rule.lets_go_before(at)
+    old = [] if before is None else [path for path in sizes if path < folder_of_day(before)]
+    windows, taken, unnamed = Counter[Why | None](), Counter[Why | None](), 0
+    with database.connect() as connection, reading(connection):
+        holds: dict[str, Holds] = {}
+        for path in old:
+            found = retention.windows_in(connection, path)
+            unnamed += 0 if found else sizes[path]
+            for window, n_bytes in _bytes_of(found, sizes[path]):
+                if window.axis_id not in holds:
+                    holds[window.axis_id] = holds_of(connection, window.axis_id, rule)
+                why = holds[window.axis_id].why(window)
+                windows[why] += 1
+                taken[why] += n_bytes
+        n_stored, n_let_go = retention.count_windows(connection)
+        begun = retention.begun_of_axes(connection)
+    with database.read() as session:
+        purges = retention.newest_purges(session, MOST_PURGES)
+    rest = Why.FOR_EVER if before is None else Why.YOUNG
+    windows[rest] = n_stored - windows.total()
+    taken[rest] = sum(sizes.values()) - unnamed - taken.total()
+    return Survey(
+        at, rule, before, len(sizes), sum(sizes.values()),
+        {why: Share(windows[why], taken[why]) for why in Why if windows[why]},
+        Share(windows[None], taken[None]), unnamed, n_let_go, purges, list(_paces(sizes, begun, before, at)),
+    )  # fmt: skip
+
+
+def _bytes_of(windows: Sequence[StoredWindow], size: int) -> Iterator[tuple[StoredWindow, int]]:
+    """Yield the windows of a file, each with its share of the bytes of its frame."""
+    begins = list(dict.fromkeys(window.place.offset for window in windows))
+    length = {begin: end - begin for begin, end in pairwise([*begins, size])}
+    left = Counter(window.place.offset for window in windows)
+    for window in windows:
+        offset = window.place.offset
+        share = length[offset] // left[offset]
+        length[offset] -= share
+        left[offset] -= 1
+        yield window, share
+
+
+def _paces(sizes: dict[str, int], begun: dict[str, datetime], before: datetime | None, at: datetime) -> Iterator[Pace]:
+    """Yield the pace of each axis, over days of which nothing was let go yet."""
+    today = at.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+    since = max(today - timedelta(days=PACE_DAYS), before or datetime.min.replace(tzinfo=UTC))
+    taken = Counter[str]()
+    for path, size in sizes.items():
+        if path >= folder_of_day(since):
+            taken[path.split("/")[-2]] += size
+    for axis_id, begun_at in sorted(begun.items()):
+        days = (at - max(since, begun_at)) / timedelta(days=1)
+        if days > 0.0:
+            yield Pace(axis_id, days, taken[axis_id])
