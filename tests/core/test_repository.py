@@ -42,15 +42,18 @@ def test_every_dependency_of_the_package_is_locked():
         assert {normalised(requirement) for requirement in extra} <= everything
 
 
-def test_the_changelog_has_one_line_a_change_in_three_groups_of_each_version():
+def test_the_changelog_has_forty_short_lines_at_most_for_each_version():
     versions = re.split(r"^## ", text_of("CHANGELOG.md"), flags=re.MULTILINE)[1:]
     names = [version.partition("\n")[0].split(" ")[0] for version in versions]
     assert names[0] == "Unreleased"
     assert PROJECT["version"] in names
     for version in versions:
         groups = re.split(r"^### ", version, flags=re.MULTILINE)[1:]
-        assert {group.partition("\n")[0] for group in groups} <= {"Added", "Changed", "Fixed"}
-        for line in "".join(group.partition("\n")[2] for group in groups).splitlines():
+        assert {group.partition("\n")[0] for group in groups} <= {"Added", "Changed", "Removed", "Fixed"}
+        lines = [line for line in version.splitlines() if line.strip()]
+        assert len(lines) <= 40, lines[0]
+        for line in lines:
+            assert len(line.split()) <= 26, line  # twenty-five words behind the mark of the list
             assert not line.startswith(" "), line  # a change that goes on in a second line
 
 
