@@ -4,14 +4,14 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
+from pydantic.json_schema import models_json_schema
 
 from service.api import (
-    access,
     advice,
     alarms,
     analyses,
@@ -30,20 +30,24 @@ from service.api import (
     trials,
     windows,
 )
-from service.api.access import Gate
+from service.api.access import Gate, scopes_of
 from service.api.http.body import require_json
 from service.api.http.compression import Compression
 from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
 from service.api.http.observer import RequestObserver
-from service.api.http.problems import PROBLEM_RESPONSES, describe, install_problem_handlers
+from service.api.http.problems import PROBLEM_RESPONSES, Problem, install_problem_handlers
 from service.api.http.tables.export import Tables
+from service.api.http.tables.lists import Document, offer_tables
 from service.api.services import Services
+from service.api.windows import WindowIn, WindowsIn
 from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError, StorageError
 from service.jobs import JobRunner, Work
+from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.access.access import Access
+from service.operations.access.scopes import Scope
 from service.operations.advice import read_advice
 from service.operations.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.alarm_cause import AlarmExplanations
@@ -95,6 +99,7 @@ if TYPE_CHECKING:
     from service.operations.notices.mqtt_states import StatePublisher
     from service.operations.notices.senders import Sender
 
+_COMPONENT = "#/components/schemas/{model}"
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
 
@@ -140,6 +145,12 @@ def create_app(settings: Settings) -> FastAPI:
     app.openapi = partial(describe, app)  # type: ignore[method-assign]  # FastAPI's own way to replace it
     app.state.settings = settings
     install_problem_handlers(app)
+    resources = (
+        axes, trend, maintenance, calibrations, calibrating, analyses, alarms, jobs, receivers, changes, advice,
+        retention, system, trials,
+    )  # fmt: skip
+    of_json = [resource.router for resource in resources]
+    routers = [windows.router, recordings.router, *of_json, health.router, *PAGES]
     app.add_middleware(Tables)
     app.add_middleware(
         RequestLimits,
@@ -147,25 +158,28 @@ def create_app(settings: Settings) -> FastAPI:
         most_waiting=settings.max_waiting_requests,
         largest_recording=settings.max_recording_mib * 2**20,
     )
-    app.add_middleware(Gate)
+    needed = {("GET", "/openapi.json"): Scope.TRENDS_READ}  # the framework's own route
+    app.add_middleware(Gate, needed=scopes_of(route for router in routers for route in router.routes) | needed)
     app.add_middleware(Compression, minimum_size=1000)
     app.add_middleware(Guard, host_names=settings.own_names())
     app.add_middleware(Site)
     app.add_middleware(RequestObserver, metrics=metrics)
-    app.include_router(windows.router)
-    app.include_router(recordings.router)
-    resources = (
-        axes, trend, maintenance, calibrations, calibrating, analyses, alarms, jobs, access, receivers, changes, advice,
-        retention, system, trials,
-    )  # fmt: skip
-    for resource in resources:
-        app.include_router(resource.router, dependencies=[Depends(require_json)])
-    app.include_router(health.router)
-    for page in PAGES:
-        app.include_router(page)
+    for router in routers:
+        app.include_router(router, dependencies=[Depends(require_json)] if router in of_json else None)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
     return app
+
+
+def describe(app: FastAPI) -> JsonObject:
+    """Return the OpenAPI document, made once: FastAPI's own, with the models of bodies that a route reads by itself."""
+    if app.openapi_schema is None:
+        document = FastAPI.openapi(app)
+        models = [(WindowIn, "validation"), (WindowsIn, "validation"), (Problem, "validation")]
+        document["components"]["schemas"] |= models_json_schema(models, ref_template=_COMPONENT)[1]["$defs"]  # type: ignore[arg-type]
+        offer_tables(cast(Document, document))
+        app.openapi_schema = document
+    return app.openapi_schema
 
 
 def open_database(settings: Settings) -> Database:

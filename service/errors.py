@@ -85,6 +85,11 @@ class TooManyTriesError(ServiceError):
         super().__init__(sentence)
         self.wait_s = wait_s
 
+    @property
+    def retry_after(self) -> str:
+        """Return the value of the header ``Retry-After``: whole seconds, at least one."""
+        return str(max(1, round(self.wait_s)))
+
 
 class StorageError(ServiceError):
     """Disk or database did not take what was to be stored; nothing of it counts as stored."""

@@ -5,7 +5,9 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel
 
+from service.api.access import needs
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.advice import Advice, Look, Section
 
 router = APIRouter(prefix="/v1", tags=["operations"])
@@ -34,7 +36,7 @@ def advice_out(advice: Advice) -> AdviceOut:
     )
 
 
-@router.get("/advice", response_model=AdviceTableOut)
+@router.get("/advice", dependencies=[needs(Scope.TRENDS_READ)])
 def list_advice(on: Annotated[Services, Depends(services)]) -> AdviceTableOut:
     """List what to check for each cause of an alarm, state, refusal and doubt."""
     return AdviceTableOut(advice=[advice_out(advice) for advice in on.advice.entries.values()])

@@ -6,10 +6,12 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.documents.change import NotExamined
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisName, Moment, RequestModel, RowId, Text
 from service.operations.monitoring.alarms import AlarmView
 
@@ -155,7 +157,7 @@ def alarm_out(view: AlarmView) -> AlarmOut:
     )  # fmt: skip
 
 
-@router.get("/alarms", response_model=AlarmsOut)
+@router.get("/alarms", dependencies=[needs(Scope.TRENDS_READ)])
 def list_alarms(query: Annotated[AlarmsQuery, Query()], on: Annotated[Services, Depends(services)]) -> AlarmsOut:
     """List alarms, newest first."""
     views = on.alarms.list(query.axis, query.status, query.cursor, query.limit)
@@ -163,13 +165,13 @@ def list_alarms(query: Annotated[AlarmsQuery, Query()], on: Annotated[Services, 
     return AlarmsOut(alarms=[alarm_out(view) for view in views], next_cursor=cursor)
 
 
-@router.get("/alarms/{alarm}", response_model=AlarmOut)
+@router.get("/alarms/{alarm}", dependencies=[needs(Scope.TRENDS_READ)])
 def get_alarm(alarm: RowId, on: Annotated[Services, Depends(services)]) -> AlarmOut:
     """Return one alarm."""
     return alarm_out(on.alarms.get(alarm))
 
 
-@router.post("/alarms/{alarm}/acknowledge", response_model=AlarmOut)
+@router.post("/alarms/{alarm}/acknowledge", dependencies=[needs(Scope.ALARMS_ACK)])
 def acknowledge_alarm(
     alarm: RowId, body: ChangeIn, request: Request, on: Annotated[Services, Depends(services)]
 ) -> AlarmOut:
@@ -178,7 +180,7 @@ def acknowledge_alarm(
     return alarm_out(on.alarms.acknowledge(alarm, body.comment, who, seen=body.seen_event))
 
 
-@router.post("/alarms/{alarm}/comment", response_model=AlarmOut)
+@router.post("/alarms/{alarm}/comment", dependencies=[needs(Scope.ALARMS_ACK)])
 def comment_on_alarm(
     alarm: RowId, body: CommentIn, request: Request, on: Annotated[Services, Depends(services)]
 ) -> AlarmOut:
@@ -186,7 +188,7 @@ def comment_on_alarm(
     return alarm_out(on.alarms.comment(alarm, body.comment, request.state.caller.signature))
 
 
-@router.post("/alarms/{alarm}/shelve", response_model=AlarmOut)
+@router.post("/alarms/{alarm}/shelve", dependencies=[needs(Scope.ALARMS_ACK)])
 def shelve_alarm(
     alarm: RowId, body: ShelveIn, request: Request, on: Annotated[Services, Depends(services)]
 ) -> AlarmOut:
@@ -195,13 +197,13 @@ def shelve_alarm(
     return alarm_out(on.alarms.shelve(alarm, body.until, body.comment, who, seen=body.seen_event))
 
 
-@router.post("/alarms/{alarm}/clear", response_model=AlarmOut)
+@router.post("/alarms/{alarm}/clear", dependencies=[needs(Scope.ALARMS_ACK)])
 def clear_alarm(alarm: RowId, body: ChangeIn, request: Request, on: Annotated[Services, Depends(services)]) -> AlarmOut:
     """Close the alarm after inspection: a new baseline is learnt from here on."""
     return alarm_out(on.alarms.clear(alarm, body.comment, request.state.caller.signature, seen=body.seen_event))
 
 
-@router.post("/alarms/{alarm}/explanations", response_model=JobOut, status_code=202)
+@router.post("/alarms/{alarm}/explanations", status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)])
 def explain_alarm(alarm: RowId, response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
     """Ask in the background which change of the axis explains an open alarm, by its newest measurements."""
     row = on.alarm_explanations.start(alarm)

@@ -8,8 +8,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import HTMLResponse
 
+from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import DiscrepancyIn
 from service.operations.fields import AxisId, JobId
 from service.operations.identification_job import IdentificationIn
@@ -22,7 +24,9 @@ _OF_REPORT = {
 router = APIRouter(prefix="/v1")
 
 
-@router.post("/axes/{axis}/identifications", tags=["identifications"], response_model=JobOut, status_code=202)
+@router.post(
+    "/axes/{axis}/identifications", tags=["identifications"], status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)]
+)
 def start_identification(
     axis: AxisId, body: IdentificationIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> JobOut:
@@ -33,7 +37,9 @@ def start_identification(
     return job_out(row)
 
 
-@router.post("/axes/{axis}/discrepancies", tags=["discrepancies"], response_model=JobOut, status_code=202)
+@router.post(
+    "/axes/{axis}/discrepancies", tags=["discrepancies"], status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)]
+)
 def start_discrepancy(
     axis: AxisId, body: DiscrepancyIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> JobOut:
@@ -44,7 +50,12 @@ def start_discrepancy(
     return job_out(row)
 
 
-@router.get("/axes/{axis}/discrepancies/{job}/report", tags=["discrepancies"], response_class=HTMLResponse)
+@router.get(
+    "/axes/{axis}/discrepancies/{job}/report",
+    tags=["discrepancies"],
+    response_class=HTMLResponse,
+    dependencies=[needs(Scope.TRENDS_READ)],
+)
 def get_discrepancy_report(axis: AxisId, job: JobId, on: Annotated[Services, Depends(services)]) -> HTMLResponse:
     """Return the report of a finished job: one page that holds all it shows, to be kept or sent on."""
     return HTMLResponse(on.discrepancies.report(axis, job), headers=_OF_REPORT)

@@ -6,11 +6,13 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
+from service.api.access import needs
 from service.api.http.body import JSON_TYPE
 from service.api.services import Services, services
 from service.documents.consequences import Kind
 from service.documents.said import in_english
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Label, RequestModel
 from service.operations.monitoring.axes import settings_tag
 from service.operations.monitoring.axis_configuration import AxisConfiguration
@@ -154,7 +156,11 @@ def axes_out(on: Services, query: AxesQuery = _ALL) -> AxesOut:
     return AxesOut(axes=[axis_out(status) for status in fleet.axes], damaged=damaged)
 
 
-@router.put("/axes/{axis}", responses={201: {"model": AxisOut, "description": "registered"}})
+@router.put(
+    "/axes/{axis}",
+    responses={201: {"model": AxisOut, "description": "registered"}},
+    dependencies=[needs(Scope.CALIBRATIONS_WRITE)],
+)
 def put_axis(
     axis: AxisId, body: AxisIn, request: Request, response: Response, on: Annotated[Services, Depends(services)]
 ) -> AxisOut:
@@ -194,7 +200,7 @@ class ConsequencesOut(BaseModel):
     consequences: list[ConsequenceOut]
 
 
-@router.post("/axes/{axis}/consequences", response_model=ConsequencesOut)
+@router.post("/axes/{axis}/consequences", dependencies=[needs(Scope.TRENDS_READ)])
 def post_consequences(axis: AxisId, body: AxisIn, on: Annotated[Services, Depends(services)]) -> ConsequencesOut:
     """Say what a configuration would change before it is sent: false alarms against delay, silences, averages, band."""
     outlook = on.consequences.of(axis, body.name, body.configuration)
@@ -208,14 +214,14 @@ def post_consequences(axis: AxisId, body: AxisIn, on: Annotated[Services, Depend
     )
 
 
-@router.get("/axes", response_model=AxesOut)
+@router.get("/axes", response_model=AxesOut, dependencies=[needs(Scope.TRENDS_READ)])
 def list_axes(query: Annotated[AxesQuery, Query()], on: Annotated[Services, Depends(services)]) -> Response:
     """List the axes and how each stands."""
     # A response of our own: FastAPI would validate what is valid, and a fleet is large.
     return Response(axes_out(on, query).model_dump_json(), media_type=JSON_TYPE)
 
 
-@router.get("/machines", response_model=MachinesOut)
+@router.get("/machines", dependencies=[needs(Scope.TRENDS_READ)])
 def list_machines(on: Annotated[Services, Depends(services)]) -> MachinesOut:
     """List the machines with their axes, and how the worst of these stands."""
     return MachinesOut(
@@ -232,21 +238,21 @@ def list_machines(on: Annotated[Services, Depends(services)]) -> MachinesOut:
     )
 
 
-@router.post("/axes/{axis}/archive", response_model=AxisOut)
+@router.post("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def archive_axis(axis: AxisId, on: Annotated[Services, Depends(services)]) -> AxisOut:
     """Hide an axis from lists; it takes no windows any more. Nothing is deleted, and it can be taken back."""
     on.axes.archive(axis, archived=True)
     return axis_out(on.trend.status(axis))
 
 
-@router.delete("/axes/{axis}/archive", response_model=AxisOut)
+@router.delete("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def take_axis_back(axis: AxisId, on: Annotated[Services, Depends(services)]) -> AxisOut:
     """Take an axis back that was archived."""
     on.axes.archive(axis, archived=False)
     return axis_out(on.trend.status(axis))
 
 
-@router.get("/axes/{axis}", response_model=AxisOut)
+@router.get("/axes/{axis}", dependencies=[needs(Scope.TRENDS_READ)])
 def get_axis(axis: AxisId, response: Response, on: Annotated[Services, Depends(services)]) -> AxisOut:
     """Return one axis and how it stands; `ETag` names its settings."""
     return _tagged(axis_out(on.trend.status(axis)), response)

@@ -7,8 +7,10 @@ from pydantic import BaseModel, Field
 
 from monitor_core.preload import PlannedSetting
 from monitor_core.recordings.elements.units import to_millimetres
+from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import CatalogueIn, axis_proposal
 from service.operations.calibrating.fit_job import CalibrationJobIn
 from service.operations.calibrating.plan import AxisPlan, PlanIn
@@ -74,7 +76,7 @@ class CalibrationPlanOut(BaseModel):
     ]
 
 
-@router.get("/drive-model", response_model=DriveModelOut)
+@router.get("/drive-model", dependencies=[needs(Scope.TRENDS_READ)])
 def get_drive_model(query: Annotated[CatalogueIn, Query()]) -> DriveModelOut:
     """Return the drive model of what a catalogue states, and the band of its first axial natural frequency."""
     proposal = axis_proposal(query)
@@ -91,7 +93,7 @@ def get_drive_model(query: Annotated[CatalogueIn, Query()]) -> DriveModelOut:
     )
 
 
-@router.get("/axes/{axis}/calibration-plan", response_model=CalibrationPlanOut)
+@router.get("/axes/{axis}/calibration-plan", dependencies=[needs(Scope.TRENDS_READ)])
 def get_calibration_plan(
     axis: AxisId, query: Annotated[PlanIn, Query()], on: Annotated[Services, Depends(services)]
 ) -> CalibrationPlanOut:
@@ -131,7 +133,7 @@ def _setting(item: PlannedSetting) -> SettingOut:
     return SettingOut(position_mm=to_millimetres(item.position), preload_n=item.preload)
 
 
-@router.post("/axes/{axis}/calibration-jobs", response_model=JobOut, status_code=202)
+@router.post("/axes/{axis}/calibration-jobs", status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def start_calibration(
     axis: AxisId, body: CalibrationJobIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> JobOut:

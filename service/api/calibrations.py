@@ -9,9 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
+from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.analysis_job import MeasurementRange
 from service.operations.fields import AxisId, Number, RequestModel, RowId, Text, exactly_one_of
 from service.operations.monitoring.calibrations import CalibrationOverview
@@ -130,7 +132,7 @@ def calibrations_out(overview: CalibrationOverview) -> CalibrationsOut:
     )
 
 
-@router.post("/axes/{axis}/calibrations", response_model=CalibrationOut, status_code=201)
+@router.post("/axes/{axis}/calibrations", status_code=201, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def post_calibration(
     axis: AxisId, body: CalibrationIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> CalibrationOut:
@@ -148,20 +150,20 @@ def post_calibration(
     return calibration_out(row, None)
 
 
-@router.get("/axes/{axis}/calibrations", response_model=CalibrationsOut)
+@router.get("/axes/{axis}/calibrations", dependencies=[needs(Scope.TRENDS_READ)])
 def list_calibrations(axis: AxisId, on: Annotated[Services, Depends(services)]) -> CalibrationsOut:
     """List the calibrations of an axis and which was in force since when."""
     return calibrations_out(on.calibrations.overview(axis))
 
 
-@router.get("/axes/{axis}/calibrations/{calibration}", response_model=CalibrationOut)
+@router.get("/axes/{axis}/calibrations/{calibration}", dependencies=[needs(Scope.TRENDS_READ)])
 def get_calibration(axis: AxisId, calibration: RowId, on: Annotated[Services, Depends(services)]) -> CalibrationOut:
     """Return one calibration."""
     row, active = on.calibrations.get(axis, calibration)
     return calibration_out(row, active)
 
 
-@router.post("/axes/{axis}/calibrations/{calibration}/activate", response_model=CalibrationsOut)
+@router.post("/axes/{axis}/calibrations/{calibration}/activate", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def activate_calibration(
     axis: AxisId,
     calibration: RowId,
@@ -174,7 +176,7 @@ def activate_calibration(
     return calibrations_out(on.calibrations.overview(axis))
 
 
-@router.post("/axes/{axis}/rejudgements", response_model=JobOut, status_code=202)
+@router.post("/axes/{axis}/rejudgements", status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def start_rejudgement(
     axis: AxisId,
     body: RejudgementIn,

@@ -5,7 +5,9 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, Field
 
+from service.api.access import needs
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 
 router = APIRouter(prefix="/v1", tags=["operations"])
@@ -23,7 +25,12 @@ class ChangesOut(BaseModel):
     mark: str
 
 
-@router.get("/changes", response_model=ChangesOut, responses={304: {"description": "nothing changed since"}})
+@router.get(
+    "/changes",
+    response_model=ChangesOut,
+    responses={304: {"description": "nothing changed since"}},
+    dependencies=[needs(Scope.TRENDS_READ)],
+)
 def get_changes(query: Annotated[ChangesQuery, Query()], on: Annotated[Services, Depends(services)]) -> Response:
     """Ask whether anything changed: 304 if not, else the new mark. Made to be asked every second."""
     mark = on.changes.mark()

@@ -12,9 +12,11 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from pydantic import BaseModel
 
 from monitor_core.trend import TrendStatus
+from service.api.access import needs
 from service.api.services import Services, services
 from service.errors import BusyError, StorageError
 from service.observability import AxisReading, FleetGauges
+from service.operations.access.scopes import Scope
 from service.operations.monitoring.trend import AxisStatus
 from service.store.database import Database
 
@@ -38,13 +40,13 @@ class HealthOut(BaseModel):
     status: str = "ok"
 
 
-@router.get("/healthz", response_model=HealthOut)
+@router.get("/healthz")
 async def healthz() -> HealthOut:
     """Tell that the process is alive, also when every worker thread is taken."""
     return HealthOut()
 
 
-@router.get("/readyz", response_model=HealthOut)
+@router.get("/readyz")
 async def readyz(request: Request, on: Annotated[Services, Depends(services)]) -> HealthOut:
     """Tell that windows can be stored: the database and the disk take what is written, and there is room."""
     # Not in a worker thread of the requests: all of them may be waiting for the database.
@@ -67,7 +69,7 @@ def _require_ready(database: Database, data_dir: Path) -> None:
         )
 
 
-@router.get("/metrics", response_class=Response)
+@router.get("/metrics", response_class=Response, dependencies=[needs(Scope.TRENDS_READ)])
 def metrics(on: Annotated[Services, Depends(services)]) -> Response:
     """Return the counters, and how axes and jobs stand, in the text format of Prometheus.
 

@@ -6,8 +6,10 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, Field
 
+from service.api.access import needs
 from service.api.services import Services, services
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, AxisName, JobId, RequestModel
 from service.operations.monitoring.replay import ReplayIn
 from service.store.tables import JobRow
@@ -62,13 +64,13 @@ def job_out(row: JobRow) -> JobOut:
     )  # fmt: skip
 
 
-@router.get("/sessions", response_model=SessionsOut)
+@router.get("/sessions", dependencies=[needs(Scope.TRENDS_READ)])
 def list_sessions(on: Annotated[Services, Depends(services)]) -> SessionsOut:
     """List the recorded sessions in the replay folder."""
     return SessionsOut(sessions=on.replays.sessions())
 
 
-@router.post("/axes/{axis}/replays", response_model=JobOut, status_code=202)
+@router.post("/axes/{axis}/replays", status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)])
 def start_replay(
     axis: AxisId, body: ReplayIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> JobOut:
@@ -79,20 +81,20 @@ def start_replay(
     return job_out(row)
 
 
-@router.get("/jobs", response_model=JobsOut)
+@router.get("/jobs", dependencies=[needs(Scope.TRENDS_READ)])
 def list_jobs(query: Annotated[JobsQuery, Query()], on: Annotated[Services, Depends(services)]) -> JobsOut:
     """List jobs, newest first."""
     rows = on.jobs.list(query.axis, query.limit, query.cursor)
     return JobsOut(jobs=[job_out(row) for row in rows], next_cursor=rows[-1].id if len(rows) == query.limit else None)
 
 
-@router.get("/jobs/{job}", response_model=JobOut)
+@router.get("/jobs/{job}", dependencies=[needs(Scope.TRENDS_READ)])
 def get_job(job: JobId, on: Annotated[Services, Depends(services)]) -> JobOut:
     """Return a job with its progress."""
     return job_out(on.jobs.get(job))
 
 
-@router.post("/jobs/{job}/cancel", response_model=JobOut)
+@router.post("/jobs/{job}/cancel", dependencies=[needs(Scope.REPLAYS_RUN)])
 def cancel_job(job: JobId, on: Annotated[Services, Depends(services)]) -> JobOut:
     """Ask a job to stop; work already done stays done."""
     return job_out(on.jobs.cancel(job))

@@ -6,7 +6,9 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, Field
 
+from service.api.access import needs
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId
 from service.operations.monitoring.maintenance import MaintenanceIn, Work
 from service.store.tables import MaintenanceRow
@@ -44,9 +46,9 @@ def maintenance_out(row: MaintenanceRow) -> MaintenanceOut:
 
 @router.post(
     "/axes/{axis}/maintenance",
-    response_model=MaintenanceOut,
     status_code=201,
     responses={200: {"model": MaintenanceOut, "description": "this entry was there already"}},
+    dependencies=[needs(Scope.ALARMS_ACK)],
 )
 def post_maintenance(
     axis: AxisId, body: MaintenanceIn, response: Response, on: Annotated[Services, Depends(services)]
@@ -57,7 +59,7 @@ def post_maintenance(
     return maintenance_out(row)
 
 
-@router.get("/axes/{axis}/maintenance", response_model=MaintenanceLogOut)
+@router.get("/axes/{axis}/maintenance", dependencies=[needs(Scope.TRENDS_READ)])
 def get_maintenance(axis: AxisId, on: Annotated[Services, Depends(services)]) -> MaintenanceLogOut:
     """Return the maintenance log of an axis."""
     return MaintenanceLogOut(axis=axis, entries=[maintenance_out(row) for row in on.maintenance.log(axis)])

@@ -6,7 +6,9 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel
 
+from service.api.access import needs
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 
 router = APIRouter(prefix="/v1", tags=["operations"])
 
@@ -58,7 +60,7 @@ def receivers_out(on: Services) -> ReceiversOut:
     )
 
 
-@router.get("/receivers", response_model=ReceiversOut)
+@router.get("/receivers", dependencies=[needs(Scope.TRENDS_READ)])
 def list_receivers(on: Annotated[Services, Depends(services)]) -> ReceiversOut:
     """List who is told of alarms, and how that stands."""
     return receivers_out(on)

@@ -8,11 +8,13 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.api.access import needs
 from service.api.http.form import FORM_TYPE, FormReader, boundary_of
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.documents.recording import ChannelEntry, FileEntry, LeftOutEntry
 from service.errors import NotAcceptableError
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Label, RequestModel, RowId
 from service.operations.recordings.recordings import RecordingView, contents_of
 from service.operations.recordings.upload import LARGEST_MAP_BYTES
@@ -146,7 +148,9 @@ def recording_out(view: RecordingView) -> RecordingOut:
     )  # fmt: skip
 
 
-@router.post("/axes/{axis}/recordings", response_model=JobOut, status_code=202, openapi_extra=_REQUEST)
+@router.post(
+    "/axes/{axis}/recordings", status_code=202, openapi_extra=_REQUEST, dependencies=[needs(Scope.WINDOWS_WRITE)]
+)
 async def post_recording(
     axis: AxisId, request: Request, response: Response, query: Annotated[UploadQuery, Query()]
 ) -> JobOut:
@@ -182,7 +186,7 @@ async def receive(axis: str, request: Request, *, check_only: bool) -> JobRow:
         await recordings.end(upload)
 
 
-@router.post("/axes/{axis}/recordings/{recording}/import", response_model=JobOut, status_code=202)
+@router.post("/axes/{axis}/recordings/{recording}/import", status_code=202, dependencies=[needs(Scope.WINDOWS_WRITE)])
 def import_recording(
     axis: AxisId, recording: RowId, body: ImportIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> JobOut:
@@ -197,7 +201,7 @@ def import_recording(
     return job_out(row)
 
 
-@router.get("/axes/{axis}/recordings", response_model=RecordingsOut)
+@router.get("/axes/{axis}/recordings", dependencies=[needs(Scope.TRENDS_READ)])
 def list_recordings(
     axis: AxisId, query: Annotated[RecordingsQuery, Query()], on: Annotated[Services, Depends(services)]
 ) -> RecordingsOut:
@@ -207,13 +211,13 @@ def list_recordings(
     return RecordingsOut(recordings=[recording_out(view) for view in views], next_cursor=cursor)
 
 
-@router.get("/axes/{axis}/recordings/{recording}", response_model=RecordingOut)
+@router.get("/axes/{axis}/recordings/{recording}", dependencies=[needs(Scope.TRENDS_READ)])
 def get_recording(axis: AxisId, recording: RowId, on: Annotated[Services, Depends(services)]) -> RecordingOut:
     """Return what was found in a recording, and how far its windows are taken."""
     return recording_out(on.recordings.get(axis, recording))
 
 
-@router.delete("/axes/{axis}/recordings/{recording}", response_model=RemovedOut)
+@router.delete("/axes/{axis}/recordings/{recording}")
 def delete_recording(axis: AxisId, recording: RowId, on: Annotated[Services, Depends(services)]) -> RemovedOut:
     """Remove the files of a recording. Windows that were taken from it stay, as all that was measured."""
     removed = on.recordings.remove(axis, recording)
@@ -229,6 +233,7 @@ def delete_recording(axis: AxisId, recording: RowId, on: Annotated[Services, Dep
     "/axes/{axis}/recordings/{recording}/file",
     response_class=FileResponse,
     responses={200: {"description": "the file, byte by byte", "content": {"application/octet-stream": _BINARY}}},
+    dependencies=[needs(Scope.TRENDS_READ)],
 )
 def get_recording_file(
     axis: AxisId, recording: RowId, query: Annotated[FileQuery, Query()], on: Annotated[Services, Depends(services)]
@@ -242,6 +247,7 @@ def get_recording_file(
     "/axes/{axis}/recordings/{recording}/session",
     response_class=FileResponse,
     responses={200: {"description": "a session file", "content": {HDF5_TYPE: _BINARY}}},
+    dependencies=[needs(Scope.TRENDS_READ)],
 )
 def get_recording_session(axis: AxisId, recording: RowId, on: Annotated[Services, Depends(services)]) -> FileResponse:
     """Download the session whose windows are taken: as uploaded, or as `preload import` makes it of the same files."""
@@ -259,6 +265,7 @@ def get_recording_session(axis: AxisId, recording: RowId, on: Annotated[Services
             "content": {HDF5_TYPE: _BINARY, CSV_TYPE: {"schema": {"type": "string"}}},
         }
     },
+    dependencies=[needs(Scope.TRENDS_READ)],
 )
 def get_windows(
     axis: AxisId,

@@ -6,8 +6,10 @@ from typing import Annotated, Literal, Self
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment, RequestModel, RowId, Text
 from service.operations.retention import Reason, Rule, Share, Survey, Why
 from service.store.tables import PinRow
@@ -192,7 +194,7 @@ def _why(body: PinIn, request: Request) -> Reason:
     return Reason(body.reason, request.state.caller.name)
 
 
-@router.get("/retention", response_model=RetentionOut)
+@router.get("/retention", dependencies=[needs(Scope.TRENDS_READ)])
 def get_retention(on: Annotated[Services, Depends(services)]) -> RetentionOut:
     """Return the rule, what is kept and why, what a purge would free, and what a year brings.
 
@@ -201,7 +203,7 @@ def get_retention(on: Annotated[Services, Depends(services)]) -> RetentionOut:
     return retention_out(on.surveys.newest())
 
 
-@router.post("/retention/purges", response_model=JobOut, status_code=202)
+@router.post("/retention/purges", status_code=202, dependencies=[needs(Scope.ADMIN)])
 def start_purge(request: Request, response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
     """Let go now what the rule does not keep, as a job; one that is not done yet is answered with again."""
     row = on.purges.begin(request.state.caller.name)
@@ -209,7 +211,7 @@ def start_purge(request: Request, response: Response, on: Annotated[Services, De
     return job_out(row)
 
 
-@router.post("/axes/{axis}/measurements/{measurement}/pin", response_model=PinOut)
+@router.post("/axes/{axis}/measurements/{measurement}/pin", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def pin_measurement(
     axis: AxisId, measurement: RowId, body: PinIn, request: Request, on: Annotated[Services, Depends(services)]
 ) -> PinOut:
@@ -217,13 +219,13 @@ def pin_measurement(
     return pin_out(on.pins.pin_measurement(axis, measurement, _why(body, request)))
 
 
-@router.delete("/axes/{axis}/measurements/{measurement}/pin", response_model=PinOut)
+@router.delete("/axes/{axis}/measurements/{measurement}/pin", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def unpin_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> PinOut:
     """Let the rule decide about a measurement again."""
     return pin_out(on.pins.unpin_measurement(axis, measurement))
 
 
-@router.get("/axes/{axis}/pins", response_model=PinsOut)
+@router.get("/axes/{axis}/pins", dependencies=[needs(Scope.TRENDS_READ)])
 def list_pins(
     axis: AxisId, query: Annotated[PinsQuery, Query()], on: Annotated[Services, Depends(services)]
 ) -> PinsOut:
@@ -232,13 +234,13 @@ def list_pins(
     return PinsOut(pins=[pin_out(row) for row in rows], next_cursor=rows[-1].id if len(rows) == query.limit else None)
 
 
-@router.post("/axes/{axis}/pins", response_model=PinOut, status_code=201)
+@router.post("/axes/{axis}/pins", status_code=201, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def pin_span(axis: AxisId, body: SpanPinIn, request: Request, on: Annotated[Services, Depends(services)]) -> PinOut:
     """Keep the waveforms of the measurements of an axis that began in a span: those still stored, and those to come."""
     return pin_out(on.pins.pin_span(axis, (body.start, body.end), _why(body, request)))
 
 
-@router.delete("/axes/{axis}/pins/{pin}", response_model=PinOut)
+@router.delete("/axes/{axis}/pins/{pin}", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def remove_pin(axis: AxisId, pin: RowId, on: Annotated[Services, Depends(services)]) -> PinOut:
     """Let the rule decide again about what a pin kept."""
     return pin_out(on.pins.remove(axis, pin))

@@ -1,12 +1,15 @@
-"""``GET /v1/system``: versions, how far intake is behind, what was refused of all axes."""
+"""``GET /v1/system``: versions, how far intake is behind, what was refused; ``/v1/audit``: who changed what."""
 
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends
-from pydantic import BaseModel, Field
+from fastapi import APIRouter, Depends, Query
+from pydantic import BaseModel, ConfigDict, Field
 
+from service.api.access import needs
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
+from service.operations.fields import AxisName, RequestModel
 from service.operations.system import SystemStatus
 
 router = APIRouter(prefix="/v1", tags=["operations"])
@@ -65,7 +68,45 @@ def system_out(status: SystemStatus) -> SystemOut:
     )
 
 
-@router.get("/system", response_model=SystemOut)
+@router.get("/system", dependencies=[needs(Scope.TRENDS_READ)])
 def get_system(on: Annotated[Services, Depends(services)]) -> SystemOut:
     """Return versions, how far intake is behind, and what was refused of all axes, by reason."""
     return system_out(on.system.status())
+
+
+class AuditEntryOut(BaseModel):
+    """One attempt to change something; `status` is that of the answer, null if the service ended before it gave any."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    id: int
+    at: datetime
+    who: str
+    action: str
+    target: str
+    axis: Annotated[str | None, Field(validation_alias="axis_id")]
+    status: int | None
+    request_id: str | None
+
+
+class AuditOut(BaseModel):
+    """Entries of the log, newest first; `next_cursor` fetches older ones."""
+
+    entries: list[AuditEntryOut]
+    next_cursor: int | None
+
+
+class AuditQuery(RequestModel):
+    """Which entries."""
+
+    axis: AxisName | None = None
+    cursor: Annotated[int, Field(ge=1, lt=2**63)] | None = Field(default=None, description="next_cursor of a page")
+    limit: Annotated[int, Field(ge=1, le=1000)] = 100
+
+
+@router.get("/audit")
+def list_audit(query: Annotated[AuditQuery, Query()], on: Annotated[Services, Depends(services)]) -> AuditOut:
+    """List who changed what, newest first."""
+    rows = on.access.log(query.axis, query.cursor, query.limit)
+    entries = [AuditEntryOut.model_validate(row) for row in rows]
+    return AuditOut(entries=entries, next_cursor=rows[-1].id if len(rows) == query.limit else None)

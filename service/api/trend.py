@@ -12,11 +12,13 @@ from pydantic import BaseModel, Field
 from monitor_core.preload import PreloadLadder
 from monitor_core.recording import Rejection
 from monitor_core.response import FrequencyResponse
+from service.api.access import needs
 from service.api.axes import StaleOut, stale_out
 from service.api.maintenance import MaintenanceOut, maintenance_out
 from service.api.services import Services, services
 from service.documents.measurement import interval_of, numbers
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment, RequestModel, RowId
 from service.operations.monitoring.evidence import OtherJudgement
 from service.operations.monitoring.trend import Only, thin_out
@@ -178,7 +180,12 @@ def point_out(point: TrendPoint) -> TrendPointOut:
     )
 
 
-@router.get("/axes/{axis}/trend", response_model=TrendOut, responses={304: {"description": "not modified"}})
+@router.get(
+    "/axes/{axis}/trend",
+    response_model=TrendOut,
+    responses={304: {"description": "not modified"}},
+    dependencies=[needs(Scope.TRENDS_READ)],
+)
 def get_trend(
     axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -233,7 +240,7 @@ class HistoryOut(BaseModel):
     events: Annotated[list[MaintenanceOut], Field(description="what was done to it, in order of time")] = []
 
 
-@router.get("/axes/{axis}/history")
+@router.get("/axes/{axis}/history", dependencies=[needs(Scope.TRENDS_READ)])
 def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> HistoryOut:
     """Return what is normal for an axis, where its trend goes, and how often it alarms falsely."""
     history = on.history.of(axis)
@@ -248,7 +255,7 @@ def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> His
     )
 
 
-@router.get("/axes/{axis}/measurements/{measurement}", response_model=MeasurementOut)
+@router.get("/axes/{axis}/measurements/{measurement}", dependencies=[needs(Scope.TRENDS_READ)])
 def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> MeasurementOut:
     """Return one measurement with everything its value rests on."""
     view = on.trend.measurement(axis, measurement)
@@ -296,7 +303,7 @@ def ladder_out(ladder: PreloadLadder) -> LadderOut:
     )
 
 
-@router.get("/axes/{axis}/measurements/{measurement}/evidence", response_model=EvidenceOut)
+@router.get("/axes/{axis}/measurements/{measurement}/evidence", dependencies=[needs(Scope.TRENDS_READ)])
 def get_evidence(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> EvidenceOut:
     """Return the whole response of a measurement with the baseline's, and what other calibrations say of it."""
     view = on.trend.measurement(axis, measurement)
@@ -357,7 +364,7 @@ class ProjectionOut(BaseModel):
     points: list[ProjectedPointOut]
 
 
-@router.get("/axes/{axis}/projection", response_model=ProjectionOut)
+@router.get("/axes/{axis}/projection", dependencies=[needs(Scope.TRENDS_READ)])
 def get_projection(axis: AxisId, on: Annotated[Services, Depends(services)]) -> ProjectionOut:
     """Project the trend from the onset of the alarm that stands, or the newest measurements: empty of too few."""
     found = on.long_run.projection(axis)

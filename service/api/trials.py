@@ -4,13 +4,15 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Response
 
+from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 
 router = APIRouter(prefix="/v1", tags=["jobs"])
 
 
-@router.post("/trials", response_model=JobOut, status_code=202)
+@router.post("/trials", status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def start_trial(response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
     """Make a simulated axis with a year of history, as a job; `arguments.axis` names it, its archive ends the trial."""
     row = on.trials.start()

@@ -14,10 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, TypeAdapter, Validati
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.elements.units import metres
+from service.api.access import needs
 from service.api.http.body import JSON_TYPE, MOST_WINDOWS, MSGPACK_TYPE, parse_body
 from service.api.http.samples import Samples
 from service.api.services import Services, services
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, AxisName, RequestModel, StatedOfWindow
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
@@ -177,6 +179,7 @@ def _posted(document: object) -> WindowsIn:
         201: {"model": WindowsOut, "description": "something new was stored"},
     },
     openapi_extra=_REQUEST,
+    dependencies=[needs(Scope.WINDOWS_WRITE)],
 )
 async def post_windows(axis: AxisId, request: Request) -> Response:
     """Store one window or a whole measurement, judge what is complete, and say what came of it.

@@ -5,12 +5,14 @@ from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Response
 
+from service.api.access import needs
 from service.api.alarms import ExaminedOut, alarm_out
 from service.api.services import Services, services
 from service.clock import now
 from service.documents.axis_sentence import alarm_sentence
 from service.documents.measurement import AlarmEvidence, interval_of, read_evidence
 from service.documents.said import N_
+from service.operations.access.scopes import Scope
 from service.operations.advice import Advice
 from service.operations.fields import RowId
 from service.operations.monitoring.alarms import AlarmView
@@ -33,7 +35,7 @@ USUAL_SHELF: Final = timedelta(days=7)
 _SEARCHED: Final = 200
 
 
-@router.get("/alarms/{alarm}")
+@router.get("/alarms/{alarm}", dependencies=[needs(Scope.TRENDS_READ)])
 def alarm_page(alarm: RowId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show one alarm."""
     view = on.alarms.get(alarm)

@@ -5,8 +5,10 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Form, Request, Response
 from pydantic import BaseModel, Field
 
+from service.api.access import needs
 from service.api.services import Services, services
 from service.errors import InvalidRequestError
+from service.operations.access.scopes import Scope
 from service.operations.fields import RowId, Text
 from service.web.forms import MomentText, moment_of
 from service.web.site import done
@@ -43,7 +45,7 @@ class ShelveForm(ChangeForm):
     zone: Annotated[str, Field(max_length=60)] = "UTC"
 
 
-@router.post("/alarms/{alarm}/acknowledge")
+@router.post("/alarms/{alarm}/acknowledge", dependencies=[needs(Scope.ALARMS_ACK)])
 def acknowledge(
     alarm: RowId, form: Annotated[SeenForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -53,7 +55,7 @@ def acknowledge(
     return done(path, "acknowledged")
 
 
-@router.post("/alarms/{alarm}/comment")
+@router.post("/alarms/{alarm}/comment", dependencies=[needs(Scope.ALARMS_ACK)])
 def comment(
     alarm: RowId, form: Annotated[CommentForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -62,7 +64,7 @@ def comment(
     return done(f"/alarms/{alarm}", "commented")
 
 
-@router.post("/alarms/{alarm}/shelve")
+@router.post("/alarms/{alarm}/shelve", dependencies=[needs(Scope.ALARMS_ACK)])
 def shelve(
     alarm: RowId, form: Annotated[ShelveForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -74,7 +76,7 @@ def shelve(
     return done(f"/alarms/{alarm}", "shelved")
 
 
-@router.post("/alarms/{alarm}/clear")
+@router.post("/alarms/{alarm}/clear", dependencies=[needs(Scope.ALARMS_ACK)])
 def clear(
     alarm: RowId, form: Annotated[ChangeForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:

@@ -8,9 +8,11 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import Field
 
+from service.api.access import needs
 from service.api.alarms import AlarmOut, alarm_out
 from service.api.services import Services, services
 from service.documents.measurement import AlarmEvidence, read_evidence
+from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.monitoring.alarms import AlarmView
 from service.web.site import PageOf
@@ -40,7 +42,7 @@ class ListedAlarm:
     changed_at: datetime
 
 
-@router.get("/alarms")
+@router.get("/alarms", dependencies=[needs(Scope.TRENDS_READ)])
 def alarms_page(
     page: PageOf, query: Annotated[AlarmsPageQuery, Query()], on: Annotated[Services, Depends(services)]
 ) -> Response:

@@ -2,6 +2,8 @@
 
 from fastapi import APIRouter, Response
 
+from service.api.access import needs
+from service.operations.access.scopes import Scope
 from service.web.site import PageOf
 
 router = APIRouter(include_in_schema=False)
@@ -15,7 +17,7 @@ _OF_API_PAGE = {
 }
 
 
-@router.get("/docs")
+@router.get("/docs", dependencies=[needs(Scope.TRENDS_READ)])
 def try_api(page: PageOf) -> Response:
     """Show the API as a page to try it with (Swagger UI)."""
     return page.show("swagger.html", headers=_OF_API_PAGE)

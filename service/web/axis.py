@@ -8,12 +8,14 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, ConfigDict
 
+from service.api.access import needs
 from service.api.alarms import AlarmOut, alarm_out
 from service.api.axes import axis_out
 from service.api.services import Services, services
 from service.documents.axis_sentence import standing
 from service.documents.measurement import interval_of
 from service.documents.said import N_
+from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import finished_discrepancies
 from service.operations.fields import AxisId
 from service.operations.monitoring.alarms import AlarmView
@@ -89,7 +91,7 @@ class Listed:
     interval: tuple[float | None, float | None]
 
 
-@router.get("/axes/{axis}")
+@router.get("/axes/{axis}", dependencies=[needs(Scope.TRENDS_READ)])
 def axis_page(
     axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()], on: Annotated[Services, Depends(services)]
 ) -> Response:

@@ -7,9 +7,11 @@ from fastapi import APIRouter, Depends, Form, Response
 from pydantic import Field, ValidationError
 
 from monitor_core.errors import MonitorCoreError
+from service.api.access import needs
 from service.api.services import Services, services
 from service.errors import ServiceError
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.analysis_job import MOST_MEASUREMENTS
 from service.operations.discrepancy_job import DiscrepancyIn
 from service.operations.fields import AxisId
@@ -47,19 +49,19 @@ def _text(moment: datetime | None) -> str | None:
     return None if moment is None else moment.isoformat()
 
 
-@router.get("/axes/{axis}/identifications")
+@router.get("/axes/{axis}/identifications", dependencies=[needs(Scope.REPLAYS_RUN)])
 def identifications_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show the form that begins an identification."""
     return _form(axis, "identifications", page, on)
 
 
-@router.get("/axes/{axis}/discrepancies")
+@router.get("/axes/{axis}/discrepancies", dependencies=[needs(Scope.REPLAYS_RUN)])
 def discrepancies_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show the form that begins a comparison with the model."""
     return _form(axis, "discrepancies", page, on)
 
 
-@router.post("/axes/{axis}/identifications")
+@router.post("/axes/{axis}/identifications", dependencies=[needs(Scope.REPLAYS_RUN)])
 def identify(
     axis: AxisId, form: Annotated[AnalysisForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -67,7 +69,7 @@ def identify(
     return _begin(axis, "identifications", page, on, form)
 
 
-@router.post("/axes/{axis}/discrepancies")
+@router.post("/axes/{axis}/discrepancies", dependencies=[needs(Scope.REPLAYS_RUN)])
 def compare(
     axis: AxisId, form: Annotated[AnalysisForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
 ) -> Response:

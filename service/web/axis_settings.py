@@ -10,9 +10,11 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form, Response
 from pydantic import Field, ValidationError
 
+from service.api.access import needs
 from service.api.services import Services, services
 from service.errors import InvalidRequestError, PreconditionError
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId
 from service.operations.monitoring.axes import settings_tag
 from service.operations.monitoring.axis_configuration import AxisConfiguration
@@ -31,7 +33,7 @@ class ChangeForm(SettingsForm):
     was_name: Annotated[str, Field(max_length=200)] = ""
 
 
-@router.get("/axes/{axis}/settings")
+@router.get("/axes/{axis}/settings", dependencies=[needs(Scope.TRENDS_READ)])
 def settings_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show the settings as they are."""
     status = on.trend.status(axis)
@@ -56,7 +58,7 @@ def _form(
     )
 
 
-@router.post("/axes/{axis}/settings/review")
+@router.post("/axes/{axis}/settings/review", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def review(
     axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -71,7 +73,7 @@ def review(
     return page.show("axis_settings_review.html", axis=on.axes.get(axis), form=form, outlook=outlook)
 
 
-@router.post("/axes/{axis}/settings")
+@router.post("/axes/{axis}/settings", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def save(
     axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
 ) -> Response:

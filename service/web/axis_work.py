@@ -6,9 +6,11 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form, Query, Request, Response
 from pydantic import BaseModel, Field
 
+from service.api.access import needs
 from service.api.services import Services, services
 from service.clock import now
 from service.errors import InvalidRequestError, UnknownResourceError
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RequestModel
 from service.operations.monitoring.maintenance import MaintenanceIn, Work
 from service.store.tables import MaintenanceRow
@@ -36,7 +38,7 @@ class WorkForm(BaseModel):
     corrects: Annotated[int, Field(ge=1, lt=2**63)] | None = None
 
 
-@router.get("/axes/{axis}/work")
+@router.get("/axes/{axis}/work", dependencies=[needs(Scope.ALARMS_ACK)])
 def work_page(
     axis: AxisId, page: PageOf, query: Annotated[WorkQuery, Query()], on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -62,7 +64,7 @@ def _entry(axis: str, log: list[MaintenanceRow], number: int | None) -> Maintena
     return found
 
 
-@router.post("/axes/{axis}/work")
+@router.post("/axes/{axis}/work", dependencies=[needs(Scope.ALARMS_ACK)])
 def log_work(
     axis: AxisId, form: Annotated[WorkForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -86,14 +88,14 @@ def _when(form: WorkForm) -> datetime:
     return at
 
 
-@router.post("/axes/{axis}/archive")
+@router.post("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def archive(axis: AxisId, on: Annotated[Services, Depends(services)]) -> Response:
     """Hide an axis from the fleet."""
     on.axes.archive(axis, archived=True)
     return done(f"/axes/{axis}", "archived")
 
 
-@router.post("/axes/{axis}/unarchive")
+@router.post("/axes/{axis}/unarchive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def take_back(axis: AxisId, on: Annotated[Services, Depends(services)]) -> Response:
     """Take an archived axis back."""
     on.axes.archive(axis, archived=False)

@@ -7,11 +7,13 @@ from fastapi import APIRouter, Depends, Form, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.errors import MonitorCoreError
+from service.api.access import needs
 from service.api.calibrating import plan_out
 from service.api.jobs import job_out
 from service.api.services import Services, services
 from service.errors import ConflictError, InvalidRequestError, PreconditionError, status_of
 from service.json_types import JsonObject
+from service.operations.access.scopes import Scope
 from service.operations.calibrating.fit_job import KIND, CalibrationJobIn
 from service.operations.calibrating.plan import PlanIn
 from service.operations.fields import AxisId, JobId, RowId, Text
@@ -82,7 +84,7 @@ class Document(BaseModel):
     prior: str | None = None
 
 
-@router.get("/axes/{axis}/calibrate")
+@router.get("/axes/{axis}/calibrate", dependencies=[needs(Scope.TRENDS_READ)])
 def calibrate_page(
     axis: AxisId, page: PageOf, form: Annotated[PlanForm, Query()], on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -90,7 +92,7 @@ def calibrate_page(
     return _calibrate_page(page, axis, form, on)
 
 
-@router.post("/axes/{axis}/calibrate")
+@router.post("/axes/{axis}/calibrate", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def fit(
     axis: AxisId, page: PageOf, form: Annotated[FitForm, Form()], on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -103,7 +105,7 @@ def fit(
     return done(f"/axes/{axis}/calibrate", "fit-begun")
 
 
-@router.post("/axes/{axis}/calibrate/{job}/cancel")
+@router.post("/axes/{axis}/calibrate/{job}/cancel", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def cancel(axis: AxisId, job: JobId, on: Annotated[Services, Depends(services)]) -> Response:
     """Stop a fit."""
     row = on.jobs.get(job)
@@ -113,7 +115,7 @@ def cancel(axis: AxisId, job: JobId, on: Annotated[Services, Depends(services)])
     return done(f"/axes/{axis}/calibrate", "fit-cancelled")
 
 
-@router.get("/axes/{axis}/calibrations/{calibration}")
+@router.get("/axes/{axis}/calibrations/{calibration}", dependencies=[needs(Scope.TRENDS_READ)])
 def calibration_page(
     axis: AxisId,
     calibration: RowId,
@@ -143,7 +145,7 @@ def calibration_page(
     )
 
 
-@router.post("/axes/{axis}/calibrations/{calibration}/activate")
+@router.post("/axes/{axis}/calibrations/{calibration}/activate", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def activate(
     axis: AxisId,
     calibration: RowId,

@@ -9,7 +9,9 @@ from fastapi import APIRouter, Depends, Query, Response
 from markupsafe import Markup
 from pydantic import BaseModel, Field
 
+from service.api.access import needs
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.machines import SEVERITY
@@ -66,7 +68,7 @@ class FleetAxis:
     spark: Markup
 
 
-@router.get("/")
+@router.get("/", dependencies=[needs(Scope.TRENDS_READ)])
 def fleet_page(
     page: PageOf, query: Annotated[FleetQuery, Query()], on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -74,7 +76,7 @@ def fleet_page(
     return _fleet("fleet.html", page, query, on)
 
 
-@router.get("/wall")
+@router.get("/wall", dependencies=[needs(Scope.TRENDS_READ)])
 def wall_page(page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show the worst axes in large type."""
     return _fleet("wall.html", page, FleetQuery(), on)

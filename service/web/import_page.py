@@ -12,11 +12,13 @@ from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import FormData
 
 from monitor_core.errors import MonitorCoreError
+from service.api.access import needs
 from service.api.jobs import job_out
 from service.api.recordings import receive, recording_out
 from service.api.services import Services, services
 from service.documents.map_form import MapTable, filled_map, map_tables
 from service.errors import ConflictError, ServiceError, status_of
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
 from service.operations.recordings.recordings import ImportArguments, RecordingView
 from service.web.site import Page, PageOf, done
@@ -61,13 +63,13 @@ class Found(BaseModel):
     map: str | None
 
 
-@router.get("/axes/{axis}/import")
+@router.get("/axes/{axis}/import", dependencies=[needs(Scope.TRENDS_READ)])
 def import_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show where a file is dropped, and the recordings that the axis has."""
     return _upload_page(page, axis, on)
 
 
-@router.post("/axes/{axis}/import")
+@router.post("/axes/{axis}/import", dependencies=[needs(Scope.WINDOWS_WRITE)])
 async def upload(axis: AxisId, page: PageOf, request: Request, on: Annotated[Services, Depends(services)]) -> Response:
     """Take an upload as it arrives, and lead on to what is in it."""
     try:
@@ -82,7 +84,7 @@ async def upload(axis: AxisId, page: PageOf, request: Request, on: Annotated[Ser
     )
 
 
-@router.get("/axes/{axis}/import/{recording}")
+@router.get("/axes/{axis}/import/{recording}", dependencies=[needs(Scope.TRENDS_READ)])
 def recording_page(
     axis: AxisId, recording: RowId, page: PageOf, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -90,7 +92,7 @@ def recording_page(
     return _recording_page(page, on, on.recordings.get(axis, recording))
 
 
-@router.post("/axes/{axis}/import/{recording}")
+@router.post("/axes/{axis}/import/{recording}", dependencies=[needs(Scope.WINDOWS_WRITE)])
 async def take(
     axis: AxisId, recording: RowId, request: Request, page: PageOf, on: Annotated[Services, Depends(services)]
 ) -> Response:

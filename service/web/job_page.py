@@ -6,8 +6,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form, Response
 from pydantic import BaseModel
 
+from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.fields import JobId
 from service.operations.monitoring.rejudged_history import Column
 from service.web.site import PageOf, done
@@ -70,7 +72,7 @@ class CancelForm(BaseModel):
     back: str = ""
 
 
-@router.get("/jobs/{job}")
+@router.get("/jobs/{job}", dependencies=[needs(Scope.TRENDS_READ)])
 def job_page(job: JobId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show a job, its progress or its result."""
     out = job_out(on.jobs.get(job))
@@ -97,7 +99,7 @@ def _found(job: JobOut, kind: str, result: Result) -> BaseModel | None:
     return result.model_validate(job.result) if job.kind == kind and job.status == "done" else None
 
 
-@router.post("/jobs/{job}/cancel")
+@router.post("/jobs/{job}/cancel", dependencies=[needs(Scope.REPLAYS_RUN)])
 def cancel(job: JobId, form: Annotated[CancelForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
     """Ask a job to stop."""
     on.jobs.cancel(job)

@@ -40,14 +40,14 @@ def log_in(
     try:
         token, expires_at = on.access.log_in(form.name, form.password, address)
     except (UnauthenticatedError, TooManyTriesError) as error:
-        too_many = isinstance(error, TooManyTriesError)
+        wait = {"Retry-After": error.retry_after} if isinstance(error, TooManyTriesError) else None
         return page.show(
             "login.html",
             next=_own_path(form.next),
             refusal=str(error),
             name=form.name,
-            status=429 if too_many else 401,
-            headers={"Retry-After": str(max(1, round(error.wait_s)))} if isinstance(error, TooManyTriesError) else None,
+            status=429 if wait else 401,
+            headers=wait,
         )
     answer = RedirectResponse(_own_path(form.next), status_code=303)
     answer.set_cookie(

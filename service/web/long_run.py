@@ -10,8 +10,10 @@ import numpy as np
 from fastapi import APIRouter, Depends, Response
 from markupsafe import Markup
 
+from service.api.access import needs
 from service.api.services import Services, services
 from service.documents.said import N_
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId
 from service.operations.monitoring.long_run import ProjectedPreload, Sister, Spectrum
 from service.report.sisters_chart import ShareLine, sisters_chart
@@ -50,7 +52,7 @@ class ListedSister:
     at: datetime
 
 
-@router.get("/axes/{axis}/long-run")
+@router.get("/axes/{axis}/long-run", dependencies=[needs(Scope.TRENDS_READ)])
 def long_run_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show what an axis did over a long time."""
     spectra, words = on.long_run.spectra(axis), page.words

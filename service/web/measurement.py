@@ -8,9 +8,11 @@ from pydantic import BaseModel
 
 from monitor_core.modal import GateReading
 from monitor_core.preload import PreloadLadder
+from service.api.access import needs
 from service.api.services import Services, services
 from service.api.trend import judgement_out
 from service.documents.said import N_
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
 from service.operations.monitoring.trend import MeasurementView
 from service.web.axis import Last
@@ -61,7 +63,7 @@ class Rung:
     share: float | None
 
 
-@router.get("/axes/{axis}/measurements/{measurement}")
+@router.get("/axes/{axis}/measurements/{measurement}", dependencies=[needs(Scope.TRENDS_READ)])
 def measurement_page(
     axis: AxisId, measurement: RowId, page: PageOf, on: Annotated[Services, Depends(services)]
 ) -> Response:

@@ -8,8 +8,10 @@ from fastapi import APIRouter, Depends, Form, Query, Response
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from monitor_core.errors import MonitorCoreError
+from service.api.access import needs
 from service.api.services import Services, services
 from service.errors import ConflictError, ServiceError, status_of
+from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import AxisProposal, CatalogueIn, axis_proposal
 from service.operations.fields import AxisName, Label
 from service.operations.monitoring.axis_configuration import AxisConfiguration
@@ -44,7 +46,7 @@ class NewAxisForm(BaseModel):
         return CatalogueIn.model_validate({name: text.strip().replace(",", ".") for name, text in typed.items()})
 
 
-@router.get("/axes/new")
+@router.get("/axes/new", dependencies=[needs(Scope.TRENDS_READ)])
 def new_axis_page(
     page: PageOf, form: Annotated[NewAxisForm, Query()], on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -53,7 +55,7 @@ def new_axis_page(
     return _page(page, form, on, proposal, refusal=refusal)
 
 
-@router.post("/axes/new")
+@router.post("/axes/new", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def register_axis(
     page: PageOf, form: Annotated[NewAxisForm, Form()], on: Annotated[Services, Depends(services)]
 ) -> Response:

@@ -5,8 +5,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form, Request, Response
 from pydantic import BaseModel, Field
 
+from service.api.access import needs
 from service.api.services import Services, services
 from service.errors import InvalidRequestError
+from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId, Text
 from service.operations.monitoring.rejudgements import RejudgementIn
 from service.operations.retention import Reason
@@ -40,7 +42,7 @@ class UnpinForm(BaseModel):
     pin: RowId
 
 
-@router.get("/axes/{axis}/stored")
+@router.get("/axes/{axis}/stored", dependencies=[needs(Scope.TRENDS_READ)])
 def stored_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show what can be judged again and what is kept."""
     overview = on.calibrations.overview(axis)
@@ -56,7 +58,7 @@ def stored_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(serv
     )
 
 
-@router.post("/axes/{axis}/stored/rejudgements")
+@router.post("/axes/{axis}/stored/rejudgements", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def rejudge(axis: AxisId, form: Annotated[RejudgeForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
     """Begin to judge again, and lead to the job; refused if another calibration came into force meanwhile."""
     asked = RejudgementIn.model_validate({
@@ -70,7 +72,7 @@ def rejudge(axis: AxisId, form: Annotated[RejudgeForm, Form()], on: Annotated[Se
     return done(f"/jobs/{row.id}", "begun")
 
 
-@router.post("/axes/{axis}/stored/pins")
+@router.post("/axes/{axis}/stored/pins", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def pin(
     axis: AxisId, form: Annotated[PinForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
@@ -82,7 +84,7 @@ def pin(
     return done(f"/axes/{axis}/stored", "pinned")
 
 
-@router.post("/axes/{axis}/stored/unpin")
+@router.post("/axes/{axis}/stored/unpin", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def unpin(axis: AxisId, form: Annotated[UnpinForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
     """Let the rule decide about a period again; refused if somebody has done so already."""
     on.pins.remove(axis, form.pin)

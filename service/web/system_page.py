@@ -5,6 +5,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import Field
 
+from service.api.access import needs
 from service.api.jobs import job_out
 from service.api.receivers import receivers_out
 from service.api.retention import retention_out
@@ -27,7 +28,7 @@ class SystemQuery(RequestModel):
     done: Annotated[str, Field(max_length=40)] = ""
 
 
-@router.get("/system")
+@router.get("/system", dependencies=[needs(Scope.TRENDS_READ)])
 def system_page(
     page: PageOf, query: Annotated[SystemQuery, Query()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:

@@ -5,7 +5,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Response
 
+from service.api.access import needs
 from service.api.services import Services, services
+from service.operations.access.scopes import Scope
 from service.operations.monitoring.trend import AxisStatus
 from service.operations.trial.story import EVERY, N_MEASUREMENTS, N_WINDOWS
 from service.operations.trial.trial import TRIAL_MACHINE
@@ -39,14 +41,14 @@ def is_trial(status: AxisStatus) -> bool:
     return status.configuration.machine == TRIAL_MACHINE
 
 
-@router.post("/trials")
+@router.post("/trials", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def begin_trial(on: Annotated[Services, Depends(services)]) -> Response:
     """Begin to make a trial axis."""
     on.trials.start()
     return done("/", "trial-begun")
 
 
-@router.post("/trials/end")
+@router.post("/trials/end", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def end_trial(on: Annotated[Services, Depends(services)]) -> Response:
     """Put the trial away."""
     on.trials.end()

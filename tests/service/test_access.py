@@ -11,7 +11,7 @@ import pytest
 from fastapi import FastAPI
 from starlette.routing import Route
 
-from service.api.access import COOKIE, NEEDED, OPEN
+from service.api.access import COOKIE, OPEN, scopes_of
 from service.app import create_app
 from service.cli.remote import server
 from service.clock import now
@@ -77,22 +77,19 @@ def closed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Closed]:
         yield service
 
 
-def routes() -> list[tuple[str, str]]:
-    """Return method and template of every route of the service that somebody has to be known for."""
-    app = create_app(Settings())
+def routes() -> list[Route]:
+    """Return every route of the service that somebody has to be known for."""
     flat = [
-        each for route in app.routes for each in getattr(getattr(route, "original_router", None), "routes", [route])
+        each
+        for route in create_app(Settings()).routes
+        for each in getattr(getattr(route, "original_router", None), "routes", [route])
     ]
-    return sorted(
-        (method, route.path)
-        for route in flat
-        if isinstance(route, Route) and route.path not in OPEN
-        for method in route.methods or ()
-        if method != "HEAD"
-    )
+    return [route for route in flat if isinstance(route, Route) and route.path not in OPEN]
 
 
-ROUTES = routes()
+#: Method and template of each, and what is needed for those that state it.
+ROUTES = sorted((method, route.path) for route in routes() for method in route.methods or () if method != "HEAD")
+NEEDED = scopes_of(routes()) | {("GET", "/openapi.json"): Scope.TRENDS_READ}
 #: What only administrators may do, written out: a new route is not among them by being forgotten.
 OF_ADMINISTRATORS = {("GET", "/v1/audit"), ("DELETE", "/v1/axes/{axis}/recordings/{recording}")}
 

@@ -1,39 +1,18 @@
-"""Answer every error as ``application/problem+json`` (RFC 9457) with a stable type.
-
-Describe the API: FastAPI's own schema, with the models of bodies that a route reads by itself.
-"""
+"""Answer every error as ``application/problem+json`` (RFC 9457) with a stable type."""
 
 from http import HTTPStatus
-from typing import cast
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
-from pydantic.json_schema import models_json_schema
 from pydantic_core import ErrorDetails
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
 from monitor_core.errors import MonitorCoreError
-from service.api.http.tables.lists import Document, offer_tables
-from service.api.windows import WindowIn, WindowsIn
-from service.errors import BodyTooSlowError, ServiceError, status_of
+from service.errors import BodyTooSlowError, ServiceError, TooManyTriesError, UnauthenticatedError, status_of
 from service.json_types import Json, JsonObject
-
-_COMPONENT = "#/components/schemas/{model}"
-
-
-def describe(app: FastAPI) -> JsonObject:
-    """Return the OpenAPI document, made once."""
-    if app.openapi_schema is None:
-        document = FastAPI.openapi(app)
-        models = [(WindowIn, "validation"), (WindowsIn, "validation"), (Problem, "validation")]
-        document["components"]["schemas"] |= models_json_schema(models, ref_template=_COMPONENT)[1]["$defs"]  # type: ignore[arg-type]
-        offer_tables(cast(Document, document))
-        app.openapi_schema = document
-    return app.openapi_schema
-
 
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:preload-monitor:problem:"
@@ -99,15 +78,26 @@ def problem(
     return JSONResponse(body, status_code=status, media_type=MEDIA_TYPE, headers=headers)
 
 
+def problem_of(error: Exception) -> JSONResponse:
+    """Return the problem document of an error that was raised on purpose."""
+    status, name = status_of(error)
+    headers = {}
+    if isinstance(error, BodyTooSlowError):
+        headers["Connection"] = "close"
+    elif isinstance(error, UnauthenticatedError):
+        headers["WWW-Authenticate"] = "Bearer"
+    elif isinstance(error, TooManyTriesError):
+        headers["Retry-After"] = error.retry_after
+    return problem(status, name, str(error), headers)
+
+
 def install_problem_handlers(app: FastAPI) -> None:
     """Make every error of the application a problem document; it takes no worker thread, all may be taken."""
 
     @app.exception_handler(ServiceError)
     @app.exception_handler(MonitorCoreError)
     async def _refused(_request: Request, error: Exception) -> JSONResponse:
-        status, name = status_of(error)
-        headers = {"Connection": "close"} if isinstance(error, BodyTooSlowError) else None
-        return problem(status, name, str(error), headers)
+        return problem_of(error)
 
     @app.exception_handler(RequestValidationError)
     async def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:
