@@ -1,7 +1,7 @@
 """``/v1/retention``: how long waveforms are kept, and the purge of the rest; pins of measurements and spans."""
 
 from datetime import datetime
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, cast
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -10,7 +10,7 @@ from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisId, Moment, RequestModel, RowId, Text
+from service.operations.fields import AxisId, Moment, RequestModel, RowId, Text, exactly_one_of
 from service.operations.retention import Reason, Rule, Share, Survey, Why
 from service.store.tables import PinRow
 
@@ -127,28 +127,30 @@ def _sentence(rule: Rule) -> str:
 
 
 class PinIn(RequestModel):
-    """Why the waveforms of a measurement are kept."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "reference after the new nut"}]})
-
-    reason: Text
-
-
-class SpanPinIn(PinIn):
-    """Which measurements of an axis are kept, by when they began, and why."""
+    """What is kept of an axis, and why: one measurement, or all that began in a span."""
 
     model_config = ConfigDict(
         json_schema_extra={
-            "examples": [{"from": "2026-03-01T00:00:00Z", "to": "2026-04-01T00:00:00Z", "reason": "acceptance test"}]
+            "oneOf": exactly_one_of("measurement", "from"),
+            "examples": [
+                {"measurement": 17, "reason": "reference after the new nut"},
+                {"from": "2026-03-01T00:00:00Z", "to": "2026-04-01T00:00:00Z", "reason": "acceptance test"},
+            ],
         }
     )
 
-    start: Moment = Field(alias="from", description="inclusive")
-    end: Moment = Field(alias="to", description="exclusive")
+    measurement: Annotated[int, Field(ge=1, lt=2**63)] | None = Field(default=None, description="its number")
+    start: Moment | None = Field(default=None, alias="from", description="inclusive; with `to`")
+    end: Moment | None = Field(default=None, alias="to", description="exclusive")
+    reason: Text
 
     @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        if self.start >= self.end:
+    def _one_or_a_span(self) -> Self:
+        members = {"measurement": self.measurement, "from": self.start, "to": self.end}
+        given = [name for name, value in members.items() if value is not None]
+        if given not in (["measurement"], ["from", "to"]):
+            raise ValueError(f"either measurement or both from and to are expected; got {', '.join(given) or 'none'}")
+        if self.start is not None and self.end is not None and self.start >= self.end:
             raise ValueError(f"from must be before to; got {self.start.isoformat()} and {self.end.isoformat()}")
         return self
 
@@ -190,10 +192,6 @@ def pin_out(row: PinRow) -> PinOut:
     )  # fmt: skip
 
 
-def _why(body: PinIn, request: Request) -> Reason:
-    return Reason(body.reason, request.state.caller.name)
-
-
 @router.get("/retention", dependencies=[needs(Scope.TRENDS_READ)])
 def get_retention(on: Annotated[Services, Depends(services)]) -> RetentionOut:
     """Return the rule, what is kept and why, what a purge would free, and what a year brings.
@@ -211,20 +209,6 @@ def start_purge(request: Request, response: Response, on: Annotated[Services, De
     return job_out(row)
 
 
-@router.post("/axes/{axis}/measurements/{measurement}/pin", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def pin_measurement(
-    axis: AxisId, measurement: RowId, body: PinIn, request: Request, on: Annotated[Services, Depends(services)]
-) -> PinOut:
-    """Keep the waveforms of a measurement whatever their age; repeated, the reason is the new one."""
-    return pin_out(on.pins.pin_measurement(axis, measurement, _why(body, request)))
-
-
-@router.delete("/axes/{axis}/measurements/{measurement}/pin", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def unpin_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> PinOut:
-    """Let the rule decide about a measurement again."""
-    return pin_out(on.pins.unpin_measurement(axis, measurement))
-
-
 @router.get("/axes/{axis}/pins", dependencies=[needs(Scope.TRENDS_READ)])
 def list_pins(
     axis: AxisId, query: Annotated[PinsQuery, Query()], on: Annotated[Services, Depends(services)]
@@ -235,9 +219,15 @@ def list_pins(
 
 
 @router.post("/axes/{axis}/pins", status_code=201, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def pin_span(axis: AxisId, body: SpanPinIn, request: Request, on: Annotated[Services, Depends(services)]) -> PinOut:
-    """Keep the waveforms of the measurements of an axis that began in a span: those still stored, and those to come."""
-    return pin_out(on.pins.pin_span(axis, (body.start, body.end), _why(body, request)))
+def pin(axis: AxisId, body: PinIn, request: Request, on: Annotated[Services, Depends(services)]) -> PinOut:
+    """Keep waveforms whatever their age: of a measurement, or of all that began in a span, those to come included.
+
+    A measurement that is pinned already is kept for the new reason.
+    """
+    why = Reason(body.reason, request.state.caller.name)
+    if body.measurement is not None:
+        return pin_out(on.pins.pin_measurement(axis, body.measurement, why))
+    return pin_out(on.pins.pin_span(axis, (cast(datetime, body.start), cast(datetime, body.end)), why))
 
 
 @router.delete("/axes/{axis}/pins/{pin}", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])

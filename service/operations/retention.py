@@ -137,16 +137,6 @@ class Pins:
             row.reason, row.who, row.at = why.reason, why.who, now()
             return row
 
-    def unpin_measurement(self, axis_id: str, measurement_id: int) -> PinRow:
-        """Let the rule decide about a measurement again; return the pin that it had."""
-        with self._database.write() as session, settled_with(session.connection()):
-            measurements.get_measurement(session, axis_id, measurement_id)
-            row = retention.pin_of_measurement(session, measurement_id)
-            if row is None:
-                raise UnknownResourceError(f"measurement {measurement_id} is not pinned")
-            session.delete(row)
-            return row
-
     def pin_span(self, axis_id: str, span: tuple[datetime, datetime], why: Reason) -> PinRow:
         """Keep what is still stored of the measurements of an axis that began in a span, and what is yet to come."""
         with self._database.write() as session, settled_with(session.connection()):

@@ -76,8 +76,8 @@ def lived(api: Api, axis: str = "axis") -> History:
     young = measurement("young", now() - timedelta(hours=1))
     api.accept(axis, young)
     number = number_of(api, axis, f"day-{PINNED_DAY:02d}-a")
-    pin = api.http.post(f"/v1/axes/{axis}/measurements/{number}/pin", json={"reason": "reference"})
-    assert pin.status_code == 200, pin.text
+    pin = api.http.post(f"/v1/axes/{axis}/pins", json={"measurement": number, "reason": "reference"})
+    assert pin.status_code == 201, pin.text
     start, end = (day(number).replace(hour=0) for number in PINNED_SPAN)
     span = {"from": start.isoformat(), "to": end.isoformat(), "reason": "acceptance test"}
     assert api.http.post(f"/v1/axes/{axis}/pins", json=span).status_code == 201

@@ -159,13 +159,12 @@ def test_jobs_that_recordings_name_pass_0012_both_ways(database_url: str, tmp_pa
             job = api.http.post("/v1/axes/axis/recordings", files={"file": file}).json()
         wait_for(api, job["id"], "done")
         expected = [api.http.get(path).json() for path in ("/v1/jobs", "/v1/axes/axis/recordings")], answers(api)
-        pin = "/v1/axes/axis/measurements/1/pin"
-        assert api.http.post(pin, json={"reason": "test"}).status_code == 200
+        pin = api.http.post("/v1/axes/axis/pins", json={"measurement": 1, "reason": "test"}).json()["id"]
     database = Database(database_url)
     with pytest.raises(DataFolderError, match="pins"), database.connect() as connection, writing(connection):
         command.downgrade(alembic_config(connection), "0011")
     with running_service(tmp_path / "var", database_url=database_url) as api:
-        assert api.http.delete(pin).status_code == 200
+        assert api.http.delete(f"/v1/axes/axis/pins/{pin}").status_code == 200
     with database.connect() as connection, writing(connection):
         command.downgrade(alembic_config(connection), "0011")
     database.migrate()

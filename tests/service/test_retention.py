@@ -171,7 +171,7 @@ def test_what_was_let_go_is_refused_and_still_known(living: tuple[Api, History])
     span = {"from": day(10).isoformat(), "to": day(11).isoformat()}
     asked = api.http.post("/v1/axes/axis/identifications", json={"model": MODEL.read_text(), "measurements": span})
     assert_problem(asked, 410, "let-go")
-    pinned = api.http.post(f"/v1/axes/axis/measurements/{number}/pin", json={"reason": "too late"})
+    pinned = api.http.post("/v1/axes/axis/pins", json={"measurement": number, "reason": "too late"})
     assert_problem(pinned, 410, "let-go")
 
     again = api.accept("axis", history.old[name])
@@ -196,19 +196,33 @@ def test_unpinned_is_let_go_by_the_next_purge(living: tuple[Api, History]) -> No
     assert [(pin["kind"], pin["reason"], pin["who"]) for pin in pins] == [
         ("span", "acceptance test", "anyone on this machine"), ("measurement", "reference", "anyone on this machine")
     ]  # fmt: skip
-    again = api.http.post(f"/v1/axes/axis/measurements/{history.pinned}/pin", json={"reason": "another"}).json()
+    again = api.http.post("/v1/axes/axis/pins", json={"measurement": history.pinned, "reason": "another"}).json()
     assert (again["id"], again["reason"]) == (pins[1]["id"], "another")
-    assert api.http.delete(f"/v1/axes/axis/measurements/{history.pinned}/pin").status_code == 200
-    assert_problem(api.http.delete(f"/v1/axes/axis/measurements/{history.pinned}/pin"), 404, "unknown-resource")
-    assert api.http.delete(f"/v1/axes/axis/pins/{pins[0]['id']}").status_code == 200
-    assert_problem(api.http.delete(f"/v1/axes/axis/pins/{pins[0]['id']}"), 404, "unknown-resource")
+    for pin in pins:
+        assert api.http.delete(f"/v1/axes/axis/pins/{pin['id']}").status_code == 200
+        assert_problem(api.http.delete(f"/v1/axes/axis/pins/{pin['id']}"), 404, "unknown-resource")
     assert retention(api)["to_let_go"]["windows"] == 5 * N_WINDOWS
     assert purge(api)["result"]["windows"] == 5 * N_WINDOWS
     assert "set" in stored_names(api.data_dir)
     actions = [entry["action"] for entry in api.http.get("/v1/audit").json()["entries"]]
-    assert actions.count("POST /v1/axes/{axis}/measurements/{measurement}/pin") == 2
-    assert actions.count("DELETE /v1/axes/{axis}/measurements/{measurement}/pin") == 2
-    assert actions.count("DELETE /v1/axes/{axis}/pins/{pin}") == 2
+    assert actions.count("POST /v1/axes/{axis}/pins") == 3
+    assert actions.count("DELETE /v1/axes/{axis}/pins/{pin}") == 4
+
+
+@pytest.mark.parametrize(
+    ("members", "sentence"),
+    [
+        ({}, "either measurement or both from and to are expected; got none"),
+        ({"measurement": 1, "from": "2026-03-01T00:00:00Z"}, "got measurement, from"),
+        ({"to": "2026-03-01T00:00:00Z"}, "got to"),
+        ({"from": "2026-03-02T00:00:00Z", "to": "2026-03-01T00:00:00Z"}, "from must be before to"),
+    ],
+)
+def test_a_pin_is_of_a_measurement_or_of_a_span(
+    living: tuple[Api, History], members: dict[str, object], sentence: str
+) -> None:
+    answer = living[0].http.post("/v1/axes/axis/pins", json={**members, "reason": "neither"})
+    assert sentence in assert_problem(answer, 422, "invalid-request")["detail"]
 
 
 def test_without_a_rule_everything_is_kept(history: History, tmp_path: Path) -> None:
