@@ -1,21 +1,33 @@
-"""``/alarms``: what stands on every axis, the first to look at on top, and what was closed lately."""
+"""``/alarms``: what stands on every axis, and what was closed lately; ``/alarms/{alarm}``: one alarm, and its forms."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from typing import Annotated, Final
+from datetime import datetime, timedelta
+from typing import Annotated, Final, Literal
 
-from fastapi import APIRouter, Depends, Query, Response
-from pydantic import Field
+from fastapi import APIRouter, Depends, Form, Query, Request, Response
+from pydantic import BaseModel, Field
 
 from service.api.access import needs
-from service.api.alarms import AlarmOut, alarm_out
+from service.api.alarms import AlarmOut, ExaminedOut, alarm_out
 from service.api.services import Services, services
-from service.documents.measurement import AlarmEvidence, read_evidence
+from service.clock import now
+from service.documents.axis_sentence import alarm_sentence
+from service.documents.measurement import AlarmEvidence, interval_of, read_evidence
+from service.documents.said import N_
+from service.errors import InvalidRequestError
 from service.operations.access.scopes import Scope
-from service.operations.fields import RequestModel
+from service.operations.advice import Advice
+from service.operations.fields import RequestModel, RowId, Text
 from service.operations.monitoring.alarms import AlarmView
-from service.web.site import PageOf
+from service.operations.monitoring.history import AxisHistory
+from service.report.trend_chart import Band, LaneEvent
+from service.store.trend.points import Span, TrendPoint
+from service.web.axis import Last
+from service.web.forms import MomentText, ShownRange, moment_of
+from service.web.site import PageOf, done
+from service.web.trend_view import MOST_SHOWN, Charts, preload_charts
+from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
 
@@ -77,3 +89,150 @@ def _lines(views: Sequence[AlarmView], names: dict[str, str]) -> list[ListedAlar
             )
         )
     return lines
+
+
+#: The picture begins so long before the onset as it took from there to the alarm, and so long at least.
+_LEAST_BEFORE: Final = timedelta(days=3)
+#: For so long an alarm rests where nobody says otherwise.
+USUAL_SHELF: Final = timedelta(days=7)
+#: Refused measurements that are passed over for the present preload.
+_SEARCHED: Final = 200
+
+
+@router.get("/alarms/{alarm}", dependencies=[needs(Scope.TRENDS_READ)])
+def alarm_page(alarm: RowId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+    """Show one alarm."""
+    view = on.alarms.get(alarm)
+    status = on.trend.status(view.row.axis_id)
+    evidence = read_evidence(view.row.evidence)
+    told = alarm_out(view)
+    last = Last.model_validate(status.last_measurement or {})
+    present = _present(view.row.axis_id, on)
+    return page.show(
+        "alarm.html",
+        alarm=told,
+        evidence=evidence,
+        axis=status.row,
+        state=status.state,
+        last=last,
+        present=present,
+        present_interval=None if present is None else interval_of(present),
+        sentence=alarm_sentence(
+            evidence.onset, evidence.baseline_preload_n, evidence.preload_n, evidence.at, status.row.name
+        ),
+        cleared=view.last_to("cleared"),
+        seen=view.last_to("acknowledged"),
+        stands=view.row.status in ("active", "acknowledged"),
+        picture=_picture(view, evidence, page.words, on),
+        cause=_cause_code(told.explanation),
+        advice=_advice(on, _cause_code(told.explanation)),
+        newest_event=view.last_by_people,
+        usual_shelf=now() + USUAL_SHELF,
+    )
+
+
+def _present(axis_id: str, on: Services) -> TrendPoint | None:
+    """Return the newest measurement that has a preload, among the newest ones."""
+    newest = on.trend.page(axis_id, Span(), cursor=None, limit=_SEARCHED, newest_first=True).points
+    return next((point for point in newest if point.preload_n is not None), None)
+
+
+def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Services) -> Charts | None:
+    """Draw the trend up to the measurement that raised the alarm, and a while before its onset."""
+    axis_id = view.row.axis_id
+    start = evidence.onset - max(evidence.at - evidence.onset, _LEAST_BEFORE)
+    if evidence.baseline_started_at is not None:
+        start = min(start, max(evidence.baseline_started_at, evidence.onset - 4 * (evidence.at - evidence.onset)))
+    end = evidence.at + timedelta(microseconds=1)
+    points = on.trend.at_resolution(axis_id, Span(start, end), MOST_SHOWN).points
+    if not points:
+        return None
+    margin = max((end - start) * 0.02, timedelta(minutes=1))
+    shown = ShownRange(start - margin, end + margin, None, [], [])
+    level = evidence.baseline_preload_n
+    band = None if level is None else Band(level, level, level, "")
+    onset, raised = words(N_("onset")), words(N_("alarm"))
+    events = [LaneEvent(evidence.onset, "learnt", onset), LaneEvent(evidence.at, "alarm", raised)]
+    nothing = AxisHistory(None, None, None)
+    return preload_charts(words, axis_id, points, shown, history=nothing, events=events, level=band)
+
+
+def _cause_code(explanation: object) -> str:
+    return explanation.cause if isinstance(explanation, ExaminedOut) else "not-examined"
+
+
+def _advice(on: Services, cause: str) -> list[Advice]:
+    """Return what to check for the cause; where none is known, what to check of any loss of preload as well."""
+    codes = [cause, "preload"] if cause in ("not-examined", "unknown") else [cause]
+    found = (on.advice.of("cause", code) for code in codes)
+    return [advice for advice in found if advice is not None]
+
+
+_SeenEvent = Annotated[int, Field(ge=0, lt=2**63)] | None
+
+
+class SeenForm(BaseModel):
+    """That somebody has seen it, and from which page."""
+
+    comment: Text = "seen"
+    seen_event: _SeenEvent = None
+    back: Literal["axis", "alarm", "alarms"] = "axis"
+
+
+class CommentForm(BaseModel):
+    """What somebody says of it."""
+
+    comment: Text
+
+
+class ChangeForm(CommentForm):
+    """Why it is changed, and the newest event that the page showed."""
+
+    seen_event: _SeenEvent = None
+
+
+class ShelveForm(ChangeForm):
+    """Until when it rests, in a zone."""
+
+    until: MomentText
+    zone: Annotated[str, Field(max_length=60)] = "UTC"
+
+
+@router.post("/alarms/{alarm}/acknowledge", dependencies=[needs(Scope.ALARMS_ACK)])
+def acknowledge(
+    alarm: RowId, form: Annotated[SeenForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Note that somebody has seen an alarm, and go back to where it was said."""
+    view = on.alarms.acknowledge(alarm, form.comment, request.state.caller.signature, seen=form.seen_event)
+    path = {"axis": f"/axes/{view.row.axis_id}", "alarm": f"/alarms/{alarm}", "alarms": "/alarms"}[form.back]
+    return done(path, "acknowledged")
+
+
+@router.post("/alarms/{alarm}/comment", dependencies=[needs(Scope.ALARMS_ACK)])
+def comment(
+    alarm: RowId, form: Annotated[CommentForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Keep what somebody says of an alarm."""
+    on.alarms.comment(alarm, form.comment, request.state.caller.signature)
+    return done(f"/alarms/{alarm}", "commented")
+
+
+@router.post("/alarms/{alarm}/shelve", dependencies=[needs(Scope.ALARMS_ACK)])
+def shelve(
+    alarm: RowId, form: Annotated[ShelveForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Let an alarm rest until a moment."""
+    until = moment_of(form.until, form.zone)
+    if until is None:
+        raise InvalidRequestError("until: expected the moment until which the alarm rests; got none")
+    on.alarms.shelve(alarm, until, form.comment, request.state.caller.signature, seen=form.seen_event)
+    return done(f"/alarms/{alarm}", "shelved")
+
+
+@router.post("/alarms/{alarm}/clear", dependencies=[needs(Scope.ALARMS_ACK)])
+def clear(
+    alarm: RowId, form: Annotated[ChangeForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Close an alarm: what is now becomes normal."""
+    on.alarms.clear(alarm, form.comment, request.state.caller.signature, seen=form.seen_event)
+    return done(f"/alarms/{alarm}", "cleared")

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Final
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, ConfigDict
@@ -11,6 +12,7 @@ from pydantic import BaseModel, ConfigDict
 from service.api.access import needs
 from service.api.alarms import AlarmOut, alarm_out
 from service.api.axes import axis_out
+from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.documents.axis_sentence import standing
 from service.documents.measurement import interval_of
@@ -20,15 +22,16 @@ from service.operations.discrepancy_job import finished_discrepancies
 from service.operations.fields import AxisId
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
+from service.operations.monitoring.history import AxisHistory
 from service.operations.monitoring.standing import facts_of, open_alarm
 from service.operations.monitoring.trend import Only
 from service.report.trend_chart import LaneEvent
+from service.store.tables import MaintenanceRow
 from service.store.trend.points import Span, TrendPoint
-from service.web.axis_sections import csv_address, filter_of, sections_of
-from service.web.ranges import RangeQuery, ShownRange, shown_range
+from service.web.fleet import is_trial
+from service.web.forms import RangeQuery, ShownRange, shown_range
 from service.web.site import PageOf
 from service.web.trend_view import MOST_SHOWN, Charts, lane_of, low_charts, preload_charts
-from service.web.trials import is_trial
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -178,3 +181,73 @@ def _pictures(
         ),
         sorted((event for event in events if shown.start <= event.at <= shown.end), key=lambda event: event.at),
     )
+
+
+MOST_LISTED: Final = 8
+#: So many of the newest measurements say how good the data are now.
+LOOKED_AT: Final = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How good the newest measurements are."""
+
+    n: int
+    n_refused: int
+    n_in_doubt: int
+    n_without_temperature: int
+    n_without_drag_torque: int
+
+
+@dataclass(frozen=True, slots=True)
+class Sections:
+    """What is shown below the trend."""
+
+    work: list[MaintenanceRow]  # newest first
+    n_work: int
+    jobs: list[JobOut]
+    quality: Quality | None  # None: nothing was measured yet
+    n_pins: int
+
+
+def sections_of(axis: str, on: Services, history: AxisHistory) -> Sections:
+    """Return what is shown below the trend of an axis."""
+    newest_first = list(history.events)[::-1]
+    return Sections(
+        work=newest_first[:MOST_LISTED],
+        n_work=len(newest_first),
+        jobs=[job_out(row) for row in on.jobs.list(axis, MOST_LISTED)],
+        quality=_quality_of(axis, on),
+        n_pins=len(on.pins.list(axis, None, 1000)),
+    )
+
+
+def _quality_of(axis: str, on: Services) -> Quality | None:
+    points = on.trend.page(axis, Span(), cursor=None, limit=LOOKED_AT, newest_first=True).points
+    if not points:
+        return None
+    return Quality(
+        n=len(points),
+        n_refused=sum(point.refusal_reason is not None for point in points),
+        n_in_doubt=sum(bool(point.doubts) for point in points),
+        n_without_temperature=sum(point.temperature_c is None for point in points),
+        n_without_drag_torque=sum(point.drag_torque_nm is None for point in points),
+    )
+
+
+def filter_of(query: RangeQuery) -> str:
+    """Return what a link needs to list the same measurements further on; "" if all are listed."""
+    wanted = {"only": query.only, "since": query.since, "until": query.until}
+    stated = {name: value for name, value in wanted.items() if value}
+    return urlencode(stated | {"zone": query.zone}) if stated else ""
+
+
+def csv_address(axis: str, query: RangeQuery) -> str:
+    """Return where the measurements that are listed are a table."""
+    wanted = {"format": "csv", "order": "newest-first"}
+    if query.only:
+        wanted["only"] = query.only
+    for name, moment in (("from", query.listed.start), ("to", query.listed.end)):
+        if moment is not None:
+            wanted[name] = moment.isoformat()
+    return f"/v1/axes/{axis}/trend?{urlencode(wanted)}"

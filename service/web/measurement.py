@@ -1,23 +1,33 @@
-"""``/axes/{axis}/measurements/{measurement}``: why this value."""
+"""``/axes/{axis}/measurements/{measurement}``: why this value, with pictures of the response and of the windows."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Final
 
+import numpy as np
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel
 
+from monitor_core.arrays import FloatArray
 from monitor_core.modal import GateReading
 from monitor_core.preload import PreloadLadder
+from monitor_core.recording import ExcitationQuantity, Window
+from monitor_core.response import FrequencyResponse
 from service.api.access import needs
 from service.api.services import Services, services
 from service.api.trend import judgement_out
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
+from service.operations.monitoring.evidence import Responses
 from service.operations.monitoring.trend import MeasurementView
+from service.report.line_chart import LOW_NARROW, LOW_WIDE, NARROW, WIDE, Curve, LineFrame, LinePicture, line_chart
 from service.web.axis import Last
-from service.web.response_view import response_pictures, window_pictures
+from service.web.shown import decimal
 from service.web.site import PageOf
+from service.web.trend_view import Charts
+from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
 
@@ -127,3 +137,138 @@ def _rungs(ladder: PreloadLadder, shares: dict[str, float]) -> list[Rung]:
 
 def _windows(view: MeasurementView) -> list[tuple[int, object]]:
     return list(enumerate(view.windows, start=1))
+
+
+#: The picture reaches beyond the band by its width, and by so many hertz at least.
+_LEAST_REACH_HZ: Final = 40.0
+#: Windows that are drawn, and rows of the table of a response.
+MOST_WINDOWS, _ROWS = 2, 24
+_UNITS: Final = {"accelerance": "m/(s²·N)", "torque_accelerance": "m/(s²·N·m)"}
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseRow:
+    """One line of a response, in numbers."""
+
+    frequency: float
+    magnitude: float
+    baseline: float | None
+    phase: float
+    coherence: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ResponsePictures:
+    """Pictures of a response, and the same in numbers."""
+
+    magnitude: Charts
+    phase: Charts
+    coherence: Charts | None
+    unit: str
+    rows: list[ResponseRow]
+    n_baseline: int
+
+
+@dataclass(frozen=True, slots=True)
+class WindowPicture:
+    """One window over time."""
+
+    number: int
+    excitation: Charts
+    response: Charts
+    is_force: bool
+
+
+def response_pictures(words: Words, found: Responses, picked: float | None) -> ResponsePictures | None:
+    """Draw magnitude, phase and coherence around the band of the mode; None where there is no response."""
+    if found.measured is None or found.band is None:
+        return None
+    low, high = found.band
+    reach = max(high - low, _LEAST_REACH_HZ)
+    measured = _around(found.measured, low - reach, high + reach)
+    baseline = None if found.baseline is None else _around(found.baseline, low - reach, high + reach)
+    unit = _UNITS.get(measured.quantity, "")
+
+    def draw(
+        title: str, y_unit: str, value: Callable[[FrequencyResponse], FloatArray | None], frames: Sequence[LineFrame],
+        *, logarithmic: bool = False, limits: tuple[float, float] | None = None,
+    ) -> Charts | None:  # fmt: skip
+        curves = [
+            Curve(response.frequency, values, style)
+            for response, style in ((baseline, "reference"), (measured, "measured"))
+            if response is not None and (values := value(response)) is not None
+        ]
+        if not curves:
+            return None
+        picture = LinePicture(title, "Hz", y_unit, curves, found.band, picked, logarithmic, limits)
+        return _twice(words, picture, frames)
+
+    magnitude = draw(
+        words(N_("Size of the response over frequency")), unit, lambda r: np.abs(r.response), (WIDE, NARROW),
+        logarithmic=True,
+    )  # fmt: skip
+    phase = draw(
+        words(N_("Phase of the response over frequency")), "°", _phase, (LOW_WIDE, LOW_NARROW), limits=(-180.0, 180.0)
+    )
+    coherence = draw(
+        words(N_("Coherence over frequency")), "", lambda r: r.coherence, (LOW_WIDE, LOW_NARROW), limits=(0.0, 1.0)
+    )
+    if magnitude is None or phase is None:
+        return None
+    return ResponsePictures(magnitude, phase, coherence, unit, _rows(measured, baseline), found.n_baseline)
+
+
+def window_pictures(words: Words, windows: Sequence[Window]) -> list[WindowPicture]:
+    """Draw the first windows over time."""
+    drawn = []
+    for number, window in enumerate(windows[:MOST_WINDOWS], start=1):
+        seconds = np.arange(window.n_samples) / window.sample_rate
+        is_force = window.excitation_quantity is ExcitationQuantity.FORCE
+        name, unit = (N_("Force over time"), "N") if is_force else (N_("Torque over time"), "N·m")
+        channels = (
+            (words(name), unit, window.excitation),
+            (words(N_("Acceleration over time")), "m/s²", window.response),
+        )
+        excitation, response = (
+            _twice(
+                words,
+                LinePicture(title, "s", y_unit, [Curve(seconds, np.asarray(samples, np.float64), "measured")]),
+                (LOW_WIDE, LOW_NARROW),
+            )
+            for title, y_unit, samples in channels
+        )
+        drawn.append(WindowPicture(number, excitation, response, is_force))
+    return drawn
+
+
+def _twice(words: Words, picture: LinePicture, frames: Sequence[LineFrame]) -> Charts:
+    wide, narrow = (line_chart(picture, frame, partial(decimal, words)) for frame in frames)
+    return Charts(wide, narrow)
+
+
+def _around(response: FrequencyResponse, low: float, high: float) -> FrequencyResponse:
+    inside = (response.frequency >= low) & (response.frequency <= high)
+    coherence = None if response.coherence is None else response.coherence[inside]
+    return FrequencyResponse(
+        response.frequency[inside], response.response[inside], response.quantity, coherence, response.n_averages
+    )
+
+
+def _phase(response: FrequencyResponse) -> FloatArray:
+    return np.asarray(np.degrees(np.angle(response.response)), dtype=np.float64)
+
+
+def _rows(measured: FrequencyResponse, baseline: FrequencyResponse | None) -> list[ResponseRow]:
+    """Return lines at equal distances, that of the largest response among them."""
+    size, phases = np.abs(measured.response), _phase(measured)
+    chosen = {*np.linspace(0, size.size - 1, _ROWS).astype(int).tolist(), int(np.argmax(size))}
+    return [
+        ResponseRow(
+            float(measured.frequency[i]),
+            float(size[i]),
+            None if baseline is None else float(np.abs(baseline.response[i])),
+            float(phases[i]),
+            None if measured.coherence is None else float(measured.coherence[i]),
+        )
+        for i in sorted(chosen)
+    ]

@@ -15,7 +15,7 @@ from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import AxisProposal, CatalogueIn, axis_proposal
 from service.operations.fields import AxisName, Label
 from service.operations.monitoring.axis_configuration import AxisConfiguration
-from service.web.calibration_view import expected_charts
+from service.web.calibrate_page import expected_charts
 from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)

@@ -3,10 +3,7 @@
 from typing import Final
 
 from service.web import (
-    alarm,
-    alarm_forms,
     alarms,
-    api_pages,
     axis,
     axis_analyses,
     axis_settings,
@@ -21,7 +18,6 @@ from service.web import (
     new_axis,
     stored,
     system_page,
-    trials,
 )
 
 PAGES: Final = (
@@ -35,13 +31,9 @@ PAGES: Final = (
     axis_analyses.router,
     stored.router,
     long_run.router,
-    trials.router,
     measurement.router,
     alarms.router,
-    alarm.router,
-    alarm_forms.router,
     job_page.router,
     system_page.router,
-    api_pages.router,
     login.router,
 )

@@ -1,4 +1,4 @@
-"""``/system``: storage, lag, refusals of all axes, versions, jobs, receivers, and the log of changes."""
+"""``/system``: how the service stands, its jobs and the log of changes; ``/docs``: the API as a page to try it with."""
 
 from typing import Annotated, Final
 
@@ -43,3 +43,18 @@ def system_page(
         log=on.access.log(None, query.before, _MOST_ENTRIES) if may_read_log else None,
         most_entries=_MOST_ENTRIES,
     )
+
+
+#: The program that draws it writes styles as it goes.
+_OF_API_PAGE = {
+    "Content-Security-Policy": (
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+        "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+}
+
+
+@router.get("/docs", dependencies=[needs(Scope.TRENDS_READ)])
+def try_api(page: PageOf) -> Response:
+    """Show the API as a page to try it with (Swagger UI)."""
+    return page.show("swagger.html", headers=_OF_API_PAGE)

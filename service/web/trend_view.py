@@ -30,7 +30,7 @@ from service.report.trend_chart import (
     trend_chart,
 )
 from service.store.trend.points import TrendPoint
-from service.web.ranges import ShownRange
+from service.web.forms import ShownRange
 from service.web.shown import decimal, with_interval
 from service.web.words import Words
 

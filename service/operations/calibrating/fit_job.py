@@ -2,7 +2,7 @@
 
 from typing import Annotated, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 
 from monitor_core.modal import ModalMeasurement
@@ -36,6 +36,23 @@ class CalibrationJobIn(RequestModel):
         default=None, description="a calibration of the axis whose k1…k4 were known before: fewer measurements will do"
     )
     comment: Annotated[str, Field(max_length=1000, pattern=r"^[^\x00]*$")] = ""
+
+
+class FittedReading(BaseModel):
+    """Where a reading lies about the fit; friction that the fit takes off is part of what is left."""
+
+    measurement: int
+    position_mm: float
+    preload_n: float | None
+    frequency_hz: float
+    residual_hz: float
+
+
+class _Result(BaseModel):
+    """What a job that came to its end has stored."""
+
+    calibration: int | None = None
+    readings: list[FittedReading] = []
 
 
 class CalibrationJobs:
@@ -79,14 +96,13 @@ class CalibrationJobs:
         with self._database.read() as session:
             return jobs.newest_job(session, axis_id, KIND)
 
-    def readings_of(self, axis_id: str, calibration_id: int) -> list[JsonObject]:
+    def readings_of(self, axis_id: str, calibration_id: int) -> list[FittedReading]:
         """Return the readings that a calibration was fitted to, with their residuals; none if no job here fitted it."""
         with self._database.read() as session:
             for row in jobs.finished_jobs(session, axis_id, KIND, _MOST_LOOKED_AT):
-                result = row.result or {}
-                if result.get("calibration") == calibration_id:
-                    readings = result.get("readings")
-                    return [item for item in readings if isinstance(item, dict)] if isinstance(readings, list) else []
+                result = _Result.model_validate(row.result or {})
+                if result.calibration == calibration_id:
+                    return result.readings
         return []
 
     def run(self, job: JobHandle) -> None:
@@ -108,10 +124,8 @@ class CalibrationJobs:
         readings = [_reading(number, modal, fitted) for number, modal in measured]
 
         def stored(session: Session) -> JsonObject:
-            return {
-                "calibration": add_calibration(session, job.axis_id, fitted, asked.comment).id,
-                "readings": readings,
-            }
+            row = add_calibration(session, job.axis_id, fitted, asked.comment)
+            return _Result(calibration=row.id, readings=readings).model_dump()
 
         job.conclude(total, stored)
 
@@ -120,14 +134,12 @@ class CalibrationJobs:
 _MOST_LOOKED_AT: Final = 100
 
 
-def _reading(number: int, modal: ModalMeasurement, fitted: Calibration) -> JsonObject:
-    """Say where a reading lies about the fit; friction that the fit takes off is part of what is left."""
-    conditions, expected = modal.conditions, expected_frequency(fitted, modal.conditions)
-    frequency = modal.mode.frequency.value
-    return {
-        "measurement": number,
-        "position_mm": to_millimetres(conditions.position),
-        "preload_n": conditions.preload,
-        "frequency_hz": frequency,
-        "residual_hz": frequency - expected,
-    }
+def _reading(number: int, modal: ModalMeasurement, fitted: Calibration) -> FittedReading:
+    conditions, frequency = modal.conditions, modal.mode.frequency.value
+    return FittedReading(
+        measurement=number,
+        position_mm=to_millimetres(conditions.position),
+        preload_n=conditions.preload,
+        frequency_hz=frequency,
+        residual_hz=frequency - expected_frequency(fitted, conditions),
+    )
