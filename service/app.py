@@ -66,7 +66,6 @@ from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.epochs import renew_charts
 from service.operations.monitoring.intake.ingest import Ingest
-from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.long_run import LongRun
 from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.rejudgements import Rejudgements
@@ -210,11 +209,10 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database = open_database(settings)
     renew_charts(database)
     waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
-    lanes = Lanes()
     work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
     runner = JobRunner(database, work, settings.max_waiting_jobs)
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
-    ingest = Ingest(database, waveforms, lanes, metrics, alarm_explanations.follow)
+    ingest = Ingest(database, waveforms, metrics, alarm_explanations.follow)
     replays = Replays(settings.replay_dir, ingest)
     files = RecordingFiles(settings.data_dir)
     uploads = Recordings(database, files, ingest, runner, settings.max_recording_mib * 2**20)
@@ -224,9 +222,9 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
     rule = rule_of(settings)
     purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
-    rejudgements = Rejudgements(database, waveforms, lanes, runner)
-    axes, calibrations = Axes(database, lanes), Calibrations(database, waveforms, lanes)
-    alarms, maintenance = Alarms(database, lanes), Maintenance(database, lanes)
+    rejudgements = Rejudgements(database, waveforms, runner)
+    axes, calibrations = Axes(database), Calibrations(database, waveforms)
+    alarms, maintenance = Alarms(database), Maintenance(database)
     trials = Trials(
         database,
         runner,

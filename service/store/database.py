@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import Any, cast
@@ -23,7 +23,7 @@ from sqlalchemy.orm.exc import StaleDataError
 from service.errors import BusyError, DataFolderError, StorageError
 from service.json_types import Json
 from service.store.safekeeping.database_file import database_file
-from service.store.service_order import is_shared, keep_others_out, lock_axis, lock_free_axes, require_schema
+from service.store.service_order import AxisLocks, is_shared, keep_others_out, lock_axis, lock_free_axes, require_schema
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 #: One for each of the worker threads that answer requests (40, starlette's default), and a few for jobs.
@@ -53,6 +53,7 @@ class Database:
         self.file = database_file(url)  # None: kept by a server
         #: Open to the file, and used by nobody now: the engine takes as long to give one as to read a row or two.
         self._idle: list[Connection] = []
+        self._locks = AxisLocks()
         self._schema: str | None = None  # that this program writes, as soon as it has migrated to it
 
     @contextmanager
@@ -104,14 +105,23 @@ class Database:
     def write(self, axis_id: str | None = None) -> Iterator[Session]:
         """Open a session for writing, which commits at the end; what depends on the state of an axis names it.
 
-        No other service works at that axis meanwhile. Raises BusyError if one does for too long.
+        Nobody else works at that axis meanwhile. Raises BusyError if another service does for too long.
         """
-        with self.connect() as connection, writing(connection), Session(connection, expire_on_commit=False) as session:
+        with (
+            self.alone_at([] if axis_id is None else [axis_id]),
+            self.connect() as connection,
+            writing(connection),
+            Session(connection, expire_on_commit=False) as session,
+        ):
             self._enter(connection)
             if axis_id is not None and is_shared(connection):
                 lock_axis(connection, axis_id)
             yield session
             session.flush()
+
+    def alone_at(self, axis_ids: Sequence[str]) -> AbstractContextManager[None]:
+        """Keep the other threads of this service from working at axes; who has them may ask again."""
+        return self._locks.held(axis_ids)
 
     @property
     def schema(self) -> str:
@@ -130,15 +140,16 @@ class Database:
 
     @contextmanager
     def at_axes(self, connection: Connection, axis_ids: Sequence[str], *, wait: bool) -> Iterator[list[str]]:
-        """Work at axes while no other service does, and yield those that one may work at; commits at the end.
+        """Work at axes while nobody else does, and yield those that one may work at; commits at the end.
 
-        That is those that nobody else works at, and at least one: where there is none, or where ``wait`` says so, it
-        is waited for the first. The embedded database is of one service: nothing is begun, and all are yielded.
+        That is those that no other service works at, and at least one: where there is none, or where ``wait`` says so,
+        it is waited for the first. The embedded database is of one service: nothing is begun, and all are yielded.
         """
         if not is_shared(connection):
-            yield list(axis_ids)
+            with self.alone_at(axis_ids):
+                yield list(axis_ids)
             return
-        with connection.begin():
+        with self.alone_at(axis_ids), connection.begin():
             self._enter(connection)
             if wait:
                 lock_axis(connection, axis_ids[0])

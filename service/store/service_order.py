@@ -1,12 +1,16 @@
-"""Keep services on one PostgreSQL in order: one at a time works at an axis, and none while another one migrates.
+"""Keep what works at an axis in order: one thread of a service at a time, and one service on a shared PostgreSQL.
 
-The locks are PostgreSQL's advisory locks of a transaction: they end with it, and with the connection of a service that
-was killed. The embedded database needs none of this: one process has its file.
+No service works while another one migrates. The locks between services are PostgreSQL's advisory locks of a
+transaction: they end with it, and with the connection of a service that was killed. The embedded database needs none:
+one process has its file.
 """
 
+import threading
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
+from weakref import WeakValueDictionary
 
 from sqlalchemy import Connection, text
 from sqlalchemy.orm import Session
@@ -25,6 +29,26 @@ _TRY_AXES = text(
 )
 # Two statements in one message: the second one sees what was committed while the first one waited.
 _ENTER = f"SELECT pg_advisory_xact_lock_shared({_MIGRATION}); SELECT version_num FROM alembic_version"  # noqa: S608
+
+
+class AxisLocks:
+    """Locks by axis. They order work inside one process; the database keeps several processes apart."""
+
+    def __init__(self) -> None:
+        # Weak: a lock lives as long as somebody has it or waits for it, so names nobody registered leave nothing.
+        self._locks: WeakValueDictionary[str, threading.RLock] = WeakValueDictionary()
+        self._guard = threading.Lock()
+
+    @contextmanager
+    def held(self, axis_ids: Sequence[str]) -> Iterator[None]:
+        """Hold the locks of axes; in one order, so that no two threads wait for each other."""
+        with ExitStack() as stack:
+            for axis_id in sorted(axis_ids):
+                with self._guard:
+                    lock = self._locks.get(axis_id) or threading.RLock()
+                    self._locks[axis_id] = lock
+                stack.enter_context(lock)
+            yield
 
 
 def is_shared(connection: Connection) -> bool:

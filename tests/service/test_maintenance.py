@@ -14,7 +14,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from service.operations.monitoring.intake import charts
-from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.maintenance import Maintenance, MaintenanceIn
 from service.store.database import Database
 from tests.service.conftest import START, Api, assert_problem, running_service, simulated_measurement
@@ -80,7 +79,7 @@ def entered(measured: Path, folder: Path, entries: Sequence[dict[str, Any]]) -> 
     folder.mkdir(parents=True)
     shutil.copy(measured / "preload.db", folder / "preload.db")
     database = Database(f"sqlite:///{folder / 'preload.db'}")
-    log = Maintenance(database, Lanes())
+    log = Maintenance(database)
     numbers: dict[str, int] = {}
     for item in entries:
         corrects = numbers.get(item["corrects"]) if "corrects" in item else None

@@ -18,7 +18,6 @@ from service.operations.monitoring.alarm_changes import (
     shelve_alarm,
 )
 from service.operations.monitoring.intake.epochs import begin_by_inspection
-from service.operations.monitoring.intake.known import Lanes
 from service.store import alarms
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -54,9 +53,8 @@ class AlarmView:
 class Alarms:
     """List and handle alarms."""
 
-    def __init__(self, database: Database, lanes: Lanes) -> None:
+    def __init__(self, database: Database) -> None:
         self._database = database
-        self._lanes = lanes
 
     def list(self, axis_id: str | None, status: str | None, before_id: int | None, limit: int) -> list[AlarmView]:
         """Return alarms, newest first."""
@@ -130,7 +128,7 @@ class Alarms:
         :meth:`acknowledge`.
         """
         axis_id = self.get(alarm_id).row.axis_id
-        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
+        with self._database.write(axis_id) as session:
             row = self._unchanged(session, alarm_id, seen)
             if row.status not in alarms.OPEN:
                 raise ConflictError(f"alarm {alarm_id} is {row.status} already")

@@ -15,7 +15,6 @@ from service.operations.monitoring.axis_configuration import (
     load_configuration,
 )
 from service.operations.monitoring.intake.chart_state import dump_design, load_design
-from service.operations.monitoring.intake.known import Lanes
 from service.store import axes
 from service.store.database import Database
 from service.store.tables import AxisRow
@@ -29,9 +28,8 @@ def settings_tag(name: str, configuration: AxisConfiguration) -> str:
 class Axes:
     """Register, change and list axes."""
 
-    def __init__(self, database: Database, lanes: Lanes) -> None:
+    def __init__(self, database: Database) -> None:
         self._database = database
-        self._lanes = lanes
 
     def register(
         self,
@@ -53,7 +51,7 @@ class Axes:
         if configuration.drive_model is not None:
             axis_drive(configuration.drive_model)
         design = self._detector_design(axis_id, configuration)
-        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
+        with self._database.write(axis_id) as session:
             row = session.get(AxisRow, axis_id)
             created = row is None
             _require_tag(axis_id, row, if_match)
@@ -81,7 +79,7 @@ class Axes:
 
     def archive(self, axis_id: str, *, archived: bool) -> None:
         """Hide an axis from lists and let it take no windows, or take that back. Nothing of it is deleted."""
-        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
+        with self._database.write(axis_id) as session:
             row = axes.get_axis(session, axis_id)
             if archived != (row.archived_at is not None):
                 row.archived_at = now() if archived else None

@@ -24,7 +24,6 @@ from service.json_types import JsonObject
 from service.operations.analysis_job import measured_modes
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.epochs import begin_by_calibration
-from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.sisters import prior_of_sisters
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
@@ -45,10 +44,9 @@ class CalibrationOverview:
 class Calibrations:
     """Fit, store and activate calibrations."""
 
-    def __init__(self, database: Database, waveforms: WaveformStore, lanes: Lanes) -> None:
+    def __init__(self, database: Database, waveforms: WaveformStore) -> None:
         self._database = database
         self._waveforms = waveforms
-        self._lanes = lanes
 
     def fit_measurements(
         self,
@@ -122,7 +120,7 @@ class Calibrations:
 
         Activating what is in force changes nothing, so that a request may be repeated.
         """
-        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
+        with self._database.write(axis_id) as session:
             axis = get_axis(session, axis_id)
             row = calibrations.get_calibration(session, axis_id, calibration_id)
             calibrations.require_in_force(axis, expected_active)

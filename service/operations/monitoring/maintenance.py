@@ -12,7 +12,6 @@ from service.errors import ConflictError, InvalidRequestError, UnknownResourceEr
 from service.operations.fields import Label, Moment, RequestModel, SetPreload
 from service.operations.monitoring.intake.admission import MOST_AHEAD
 from service.operations.monitoring.intake.epochs import begin_by_maintenance, take_back
-from service.operations.monitoring.intake.known import Lanes
 from service.store import intake, maintenance
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -61,9 +60,8 @@ class MaintenanceIn(RequestModel):
 class Maintenance:
     """Keeps the log. Entries are added and never changed."""
 
-    def __init__(self, database: Database, lanes: Lanes) -> None:
+    def __init__(self, database: Database) -> None:
         self._database = database
-        self._lanes = lanes
 
     def log(self, axis_id: str) -> list[MaintenanceRow]:
         """Return all entries by when the work was done, corrected ones included."""
@@ -82,7 +80,7 @@ class Maintenance:
             raise InvalidRequestError(
                 f"an entry says what was done, until now ({text_of(at)}); got {text_of(entry.at)}"
             )
-        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
+        with self._database.write(axis_id) as session:
             get_axis(session, axis_id)
             log = maintenance.log_of(session, axis_id)
             same = [row for row in log if _said(row) == entry.model_dump()]

@@ -18,7 +18,6 @@ from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.fields import Moment, RequestModel, Text
 from service.operations.monitoring.axis_configuration import load_configuration
-from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.rejudged_history import Anew, Column, Swapped, judged_anew, swap
 from service.store import calibrations, intake, rejudged
 from service.store.axes import get_axis
@@ -55,10 +54,9 @@ _COLUMN = TypeAdapter(Column)
 class Rejudgements:
     """Judges histories anew; the work of a job of kind ``rejudgement``."""
 
-    def __init__(self, database: Database, waveforms: WaveformStore, lanes: Lanes, runner: JobRunner) -> None:
+    def __init__(self, database: Database, waveforms: WaveformStore, runner: JobRunner) -> None:
         self._database = database
         self._waveforms = waveforms
-        self._lanes = lanes
         self._runner = runner
 
     def start(self, axis_id: str, asked: RejudgementIn, *, if_match: str | None = None) -> JobRow:
@@ -131,7 +129,7 @@ class Rejudgements:
 
     def _finish(self, job: JobHandle, anew: Anew, asked: RejudgementIn) -> None:
         """Judge what came meanwhile, while nothing else comes, and let everything stand."""
-        with self._lanes.of(job.axis_id):
+        with self._database.alone_at([job.axis_id]):
             for _ in self._judged(job.axis_id, anew, asked.span):
                 pass
             with self._database.connect() as connection:

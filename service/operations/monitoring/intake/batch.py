@@ -18,12 +18,12 @@ from service.documents.measurement import with_trend
 from service.errors import ConflictError, WaveformDamagedError
 from service.json_types import JsonObject
 from service.observability import Metrics
-from service.operations.monitoring.axis_configuration import core_settings
+from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.admission import Admission, at_its_position, counts
 from service.operations.monitoring.intake.charts import too_late
 from service.operations.monitoring.intake.judge import Judged, Settled, judge, settle
-from service.operations.monitoring.intake.known import KnownAxes
 from service.store import intake
+from service.store.calibrations import CalibrationsInForce
 from service.store.database import reading
 from service.store.intake import OPEN, AxisRecord, MeasurementRecord, WindowRecord
 from service.store.measurements import member_places
@@ -78,6 +78,32 @@ class Post:
     def names(self) -> set[str]:
         """The measurements that it is about."""
         return {window.measurement for window in self.windows} | self.complete
+
+
+#: Of axes; then all are forgotten, and those that send are read again.
+MOST_KNOWN = 5000
+
+
+class KnownAxes:
+    """Remembers the configuration and the calibration of each axis for as long as its row says the same."""
+
+    def __init__(self) -> None:
+        self._calibrations = CalibrationsInForce()
+        self._configurations: dict[str, tuple[JsonObject, AxisConfiguration]] = {}
+
+    def calibration_of(self, connection: Connection, axis: AxisRecord) -> Calibration | None:
+        """Return the calibration in force on an axis."""
+        return self._calibrations.of(connection, axis)
+
+    def configuration_of(self, axis: AxisRecord) -> AxisConfiguration:
+        """Return the configuration of an axis; raises DocumentDamagedError if it cannot be read."""
+        known = self._configurations.get(axis.id)
+        if known is None or known[0] != axis.configuration:
+            known = axis.configuration, load_configuration(axis.configuration)
+            if len(self._configurations) >= MOST_KNOWN:
+                self._configurations.clear()
+            self._configurations[axis.id] = known
+        return known[1]
 
 
 class Batch:

@@ -20,9 +20,8 @@ from service.clock import now
 from service.errors import BusyError, StorageError
 from service.observability import Metrics
 from service.operations.monitoring.alarm_changes import PRELOAD_LOSS
-from service.operations.monitoring.intake.batch import Batch, IngestReceipt, Post, by_axis
+from service.operations.monitoring.intake.batch import Batch, IngestReceipt, KnownAxes, Post, by_axis
 from service.operations.monitoring.intake.judge import Settled
-from service.operations.monitoring.intake.known import KnownAxes, Lanes
 from service.store import intake
 from service.store.database import Database, reading, writing
 from service.store.waveforms import WaveformStore
@@ -48,7 +47,6 @@ class Ingest:
         self,
         database: Database,
         waveforms: WaveformStore,
-        lanes: Lanes,
         metrics: Metrics,
         follow_alarm: Callable[[str], None],
     ) -> None:
@@ -56,7 +54,6 @@ class Ingest:
         self._waveforms = waveforms
         self._follow_alarm = follow_alarm  # told the axis that a measurement left in alarm
         self._known = KnownAxes()
-        self._lanes = lanes
         self._metrics = metrics
         self._waiting: queue.SimpleQueue[Post | None] = queue.SimpleQueue()
         self._passed_over: list[Post] = []  # in the last round, because another service was at work at their axis
@@ -140,15 +137,12 @@ class Ingest:
         ``wait`` says so, nor one that is alone.
         """
         axes = by_axis(posts)
-        with ExitStack() as stack:
-            for axis_id in sorted(axes):
-                stack.enter_context(self._lanes.of(axis_id))
-            try:
-                return self._store(axes, wait=wait)
-            except Exception as error:  # noqa: BLE001 - whatever it is, whoever waits is told
-                if len(axes) == 1:
-                    _refuse(posts, error)
-                    return []
+        try:
+            return self._store(axes, wait=wait)
+        except Exception as error:  # noqa: BLE001 - whatever it is, whoever waits is told
+            if len(axes) == 1:
+                _refuse(posts, error)
+                return []
         for axis_posts in axes.values():
             self._round([post for post in axis_posts if not post.answer.done()], wait=True)
         return []
