@@ -55,8 +55,8 @@ from service.operations.analysis_job import AnalysisJob
 from service.operations.calibrating.fit_job import KIND as CALIBRATION
 from service.operations.calibrating.fit_job import CalibrationJobs
 from service.operations.calibrating.plan import CalibrationPlans
-from service.operations.discrepancy_job import DISCREPANCY
-from service.operations.identification_job import IDENTIFICATION
+from service.operations.discrepancy_job import DiscrepancyIn
+from service.operations.identification_job import IdentificationIn
 from service.operations.monitoring.alarms import Alarms, Shelves
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
@@ -69,6 +69,7 @@ from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.long_run import LongRun
 from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.rejudgements import Rejudgements
+from service.operations.monitoring.replay import KIND as REPLAY
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
@@ -213,13 +214,13 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     runner = JobRunner(database, work, settings.max_waiting_jobs)
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
     ingest = Ingest(database, waveforms, metrics, alarm_explanations.follow)
-    replays = Replays(settings.replay_dir, ingest)
+    replays = Replays(settings.replay_dir, ingest, runner)
     files = RecordingFiles(settings.data_dir)
     uploads = Recordings(database, files, ingest, runner, settings.max_recording_mib * 2**20)
     reports = ReportStore(settings.data_dir)
     receivers, trend = read_receivers(settings.receivers_file), Trend(database)
-    identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
-    discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
+    identifications = AnalysisJob(IdentificationIn, database, waveforms, reports, runner)
+    discrepancies = AnalysisJob(DiscrepancyIn, database, waveforms, reports, runner)
     rule = rule_of(settings)
     purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
     rejudgements = Rejudgements(database, waveforms, runner)
@@ -241,7 +242,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         CALIBRATION: calibration_jobs.run,
         TRIAL: trials.run,
         REJUDGEMENT: rejudgements.run,
-        "replay": replays.run,
+        REPLAY: replays.run,
         IMPORT: uploads.run,
         identifications.kind: identifications.run,
         discrepancies.kind: discrepancies.run,

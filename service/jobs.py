@@ -19,7 +19,7 @@ from typing import TypeVar
 from sqlalchemy.orm import Session
 
 from service.clock import now
-from service.errors import BusyError, ServiceError, StorageError
+from service.errors import BusyError, ConflictError, ServiceError, StorageError
 from service.json_types import JsonObject
 from service.store import axes, jobs
 from service.store.database import Database
@@ -46,26 +46,56 @@ class JobCancelledError(Exception):
     """The job was asked to stop, another service has taken it up, or this one is stopping."""
 
 
-@dataclass(frozen=True, slots=True)
 class JobHandle:
-    """What running work may do: read its arguments, report progress, wait, and learn by either that it should stop."""
+    """What running work may do: read its arguments, report progress, wait, and learn by either that it should stop.
 
-    job_id: str
-    of_axis: str | None  # None: of all
-    arguments: JsonObject
-    done: int  # as last reported: 0, or how far the job had come when it was interrupted
-    result: JsonObject | None  # as last reported
-    report: Callable[[int, int | None, JsonObject], None]  # done, total where it is known, result so far
-    #: Reports the total as done, and stores more in the same transaction: what is stored returns the result.
-    conclude: Callable[[int, Callable[[Session], JsonObject]], None]
-    sleep: Callable[[float], None]  # so many seconds; this and the reports raise JobCancelledError when it should stop
+    What it does raises JobCancelledError then.
+    """
+
+    def __init__(self, runner: "JobRunner", row: JobRow, owner: str) -> None:
+        self._runner, self._owner, self._of_axis = runner, owner, row.axis_id
+        self.job_id = row.id
+        self.arguments = row.arguments
+        self.done = row.done  # as last reported: 0, or how far the job had come when it was interrupted
+        self.result = row.result  # as last reported
 
     @property
     def axis_id(self) -> str:
         """The axis that it is about."""
-        if self.of_axis is None:
+        if self._of_axis is None:
             raise AssertionError(f"job {self.job_id} is about all axes")
-        return self.of_axis
+        return self._of_axis
+
+    def report(self, done: int, total: int | None, result: JsonObject) -> None:
+        """Say how far the work has come, of how much where that is known, and what came of it so far."""
+        self._store(done, total, lambda _: result)
+
+    def say(self, done: int, total: int | None, sentence: str | None) -> None:
+        """Say how far the work has come, and in a few words what is being done."""
+        self.report(done, total, {} if sentence is None else {"progress": sentence})
+
+    def conclude(self, total: int, store: Callable[[Session], JsonObject]) -> None:
+        """Report the total as done, and store more in the same transaction: what is stored returns the result."""
+        self._store(total, total, store)
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+        due = time.monotonic() + seconds
+        while (left := due - time.monotonic()) > 0.0:
+            if self._runner.stopping.wait(min(left, CANCEL_CHECK_S)):
+                raise JobCancelledError
+            _require_own(self._runner.get(self.job_id), self._owner)
+
+    def _store(self, done: int, total: int | None, store: Callable[[Session], JsonObject]) -> None:
+        self._runner.persistently(self.job_id, partial(self._store_once, done, total, store))
+
+    def _store_once(self, done: int, total: int | None, store: Callable[[Session], JsonObject]) -> None:
+        if self._runner.stopping.is_set():
+            raise JobCancelledError
+        with self._runner.database.write() as session:
+            row = jobs.locked_job(session, self.job_id)
+            _require_own(row, self._owner)
+            row.done, row.total, row.result, row.updated_at = done, total, store(session), now()
 
 
 #: Work of one kind; what came of it is in its last report.
@@ -80,19 +110,20 @@ class JobRunner:
     """
 
     def __init__(self, database: Database, work: dict[str, Work], most_waiting: int) -> None:
-        self._database = database
+        self.database = database
         self._work = work
         self._most_waiting = most_waiting  # of a kind
         self._lanes: dict[str, _Lane] = {}  # by kind: what is soon done does not wait for what is not
         self._held: dict[str, str] = {}  # owners of the jobs that are worked on here
-        self._stopping = threading.Event()
-        self._heart = threading.Thread(target=self._renew, name="job-leases", daemon=True)
+        self.stopping = threading.Event()
+        waits = "the renewal of the leases of jobs"
+        self._heart = Repeatedly("job-leases", self._renew, every_s=LEASE.total_seconds() / 3.0, waits=waits)
         self._heart.start()
 
     def resume(self) -> None:
         """Take up the jobs that a stop or a crash left unfinished, and those that wait for any service."""
-        if self._database.file is not None:  # no other process has it: whoever worked on one is gone
-            with self._database.write() as session:
+        if self.database.file is not None:  # no other process has it: whoever worked on one is gone
+            with self.database.write() as session:
                 jobs.let_go(session)
         for kind in self._work:
             self._wake(kind)
@@ -103,19 +134,24 @@ class JobRunner:
         axis_id: str | None,
         arguments: JsonObject,
         store_with: Callable[[Session, JobRow], JsonObject] | None = None,
+        *,
+        alone: str | None = None,
     ) -> JobRow:
         """Store a new job, of an axis or of all, and queue it.
 
-        ``store_with``: stores more in the same transaction, and returns the arguments with what it adds to them. Raises
-        BusyError if too many of its kind are not done yet.
+        ``store_with``: stores more in the same transaction, and returns the arguments with what it adds to them.
+        ``alone``: what is under way where another one of its kind and axis is not done yet, for the ConflictError.
+        Raises BusyError if too many of its kind are not done yet.
         """
         at = now()
         row = JobRow(
             id=str(uuid.uuid4()), kind=kind, axis_id=axis_id, arguments=arguments, status=jobs.QUEUED,
             done=0, total=None, result=None, error=None, created_at=at, updated_at=at, owner=None, lease_until=None,
         )  # fmt: skip
-        with self._database.write() as session:
+        with self.database.write() as session:
             self._require_place(session, kind, axis_id)
+            if alone is not None and (others := jobs.unfinished_jobs(session, kind, axis_id)):
+                raise ConflictError(f"{alone} already, by job {others[0].id}")
             session.add(row)
             if store_with is not None:
                 session.flush()
@@ -125,7 +161,7 @@ class JobRunner:
 
     def require_place(self, kind: str, axis_id: str) -> None:
         """Refuse a job before what it needs is sent; raises as :meth:`submit`."""
-        with self._database.read() as session:
+        with self.database.read() as session:
             self._require_place(session, kind, axis_id)
 
     def _require_place(self, session: Session, kind: str, axis_id: str | None) -> None:
@@ -137,22 +173,22 @@ class JobRunner:
 
     def get(self, job_id: str) -> JobRow:
         """Return a job as it stands."""
-        with self._database.read() as session:
+        with self.database.read() as session:
             return jobs.get_job(session, job_id)
 
     def list(self, axis_id: str | None, limit: int, after: str | None = None) -> list[JobRow]:
         """Return jobs, newest first; those older than a job if it is named."""
-        with self._database.read() as session:
+        with self.database.read() as session:
             return jobs.list_jobs(session, axis_id, limit, after)
 
     def unfinished(self) -> dict[tuple[str, str], int]:
         """Count the jobs that wait or are at work, by kind and status."""
-        with self._database.read() as session:
+        with self.database.read() as session:
             return jobs.unfinished_by_kind(session)
 
     def cancel(self, job_id: str) -> JobRow:
         """Ask a job to stop; work already done stays done."""
-        with self._database.write() as session:
+        with self.database.write() as session:
             row = jobs.locked_job(session, job_id)
             if row.status in (jobs.QUEUED, jobs.RUNNING):
                 row.status, row.updated_at = jobs.CANCELLED, now()
@@ -160,11 +196,11 @@ class JobRunner:
 
     def close(self) -> None:
         """Stop; running work ends at its next report and is resumed at the next start, or by another service."""
-        self._stopping.set()
+        self.stopping.set()
         for lane in list(self._lanes.values()):
             lane.wake.set()
             lane.thread.join()
-        self._heart.join()
+        self._heart.close()
 
     def _wake(self, kind: str) -> None:
         lane = self._lanes.get(kind)
@@ -178,12 +214,12 @@ class JobRunner:
 
     def _serve(self, kind: str, wake: threading.Event) -> None:
         """Take up one job of a kind after another."""
-        alone = self._database.file is not None  # then whoever submits a job wakes this thread
-        while not self._stopping.is_set():
+        alone = self.database.file is not None  # then whoever submits a job wakes this thread
+        while not self.stopping.is_set():
             wake.clear()
             try:
                 owner = f"{socket.gethostname()[:40]}/{os.getpid()}/{uuid.uuid4().hex[:12]}"
-                with self._database.write() as session:
+                with self.database.write() as session:
                     row = jobs.take_next(session, kind, owner, LEASE)
             except (BusyError, StorageError) as error:
                 log.warning("jobs of kind %s wait for the database: %s", kind, error)
@@ -197,93 +233,55 @@ class JobRunner:
             del self._held[row.id]
 
     def _renew(self) -> None:
-        """Tell three times in the time of a lease that the jobs here are worked on."""
-        while not self._stopping.wait(LEASE.total_seconds() / 3.0):
-            held = dict(self._held)
-            try:
-                if held:
-                    with self._database.write() as session:
-                        jobs.renew_leases(session, held, LEASE)
-            except (BusyError, StorageError) as error:
-                log.warning("the leases of jobs were not renewed: %s", error)
+        """Tell that the jobs here are worked on."""
+        if held := dict(self._held):
+            with self.database.write() as session:
+                jobs.renew_leases(session, held, LEASE)
 
     def _run(self, job_id: str, owner: str) -> None:
         try:
-            self._persistently(job_id, partial(self._work_on, job_id, owner))
+            self.persistently(job_id, partial(self._work_on, job_id, owner))
             end = partial(self._finish, job_id, owner, jobs.DONE, None)
         except JobCancelledError:  # cancelled, or taken up by another: the row says so
-            if self._stopping.is_set():
+            if self.stopping.is_set():
                 self._let_go(job_id, owner)
             return
         except Exception as error:  # the edge of this thread: whatever broke is told to who asks for the job
             log.exception("job %s failed", job_id)
             end = partial(self._finish, job_id, owner, jobs.FAILED, f"{type(error).__name__}: {error}"[:1000])
         try:
-            self._persistently(job_id, end)
+            self.persistently(job_id, end)
         except (JobCancelledError, BusyError, StorageError) as error:
             log.warning("job %s came to its end, which was not stored; it goes on at the next start: %s", job_id, error)
 
     def _let_go(self, job_id: str, owner: str) -> None:
         """Let another service go on at once; the row still says running, and is resumed."""
         try:
-            with self._database.write() as session:
+            with self.database.write() as session:
                 jobs.let_go(session, owner)
         except (BusyError, StorageError) as error:
             log.warning("job %s is taken up by another service when its lease has run out: %s", job_id, error)
 
-    def _persistently(self, job_id: str, step: Callable[[], Result]) -> Result:
+    def persistently(self, job_id: str, step: Callable[[], Result]) -> Result:
         """Do a step, and once more after a pause where disk or database refused; what it raises last is raised."""
         for pause in PAUSES_S:
             try:
                 return step()
             except (BusyError, StorageError) as error:
                 log.warning("job %s tries again in %g s: %s", job_id, pause, error)
-                if self._stopping.wait(pause):
+                if self.stopping.wait(pause):
                     raise JobCancelledError from error
         return step()
 
     def _work_on(self, job_id: str, owner: str) -> None:
         """Do the work of a job from its last report on."""
-        with self._database.read() as session:
+        with self.database.read() as session:
             row = jobs.get_job(session, job_id)
             _require_own(row, owner)
-        handle = JobHandle(
-            job_id,
-            row.axis_id,
-            row.arguments,
-            row.done,
-            row.result,
-            report=partial(self._report, job_id, owner),
-            conclude=partial(self._conclude, job_id, owner),
-            sleep=partial(self._sleep, job_id, owner),
-        )
-        self._work[row.kind](handle)
-
-    def _report(self, job_id: str, owner: str, done: int, total: int | None, result: JsonObject) -> None:
-        self._persistently(job_id, partial(self._store_report, job_id, owner, done, total, lambda _: result))
-
-    def _conclude(self, job_id: str, owner: str, total: int, store: Callable[[Session], JsonObject]) -> None:
-        self._persistently(job_id, partial(self._store_report, job_id, owner, total, total, store))
-
-    def _store_report(
-        self, job_id: str, owner: str, done: int, total: int | None, store: Callable[[Session], JsonObject]
-    ) -> None:
-        if self._stopping.is_set():
-            raise JobCancelledError
-        with self._database.write() as session:
-            row = jobs.locked_job(session, job_id)
-            _require_own(row, owner)
-            row.done, row.total, row.result, row.updated_at = done, total, store(session), now()
-
-    def _sleep(self, job_id: str, owner: str, seconds: float) -> None:
-        due = time.monotonic() + seconds
-        while (left := due - time.monotonic()) > 0.0:
-            if self._stopping.wait(min(left, CANCEL_CHECK_S)):
-                raise JobCancelledError
-            _require_own(self.get(job_id), owner)
+        self._work[row.kind](JobHandle(self, row, owner))
 
     def _finish(self, job_id: str, owner: str, status: str, error: str | None) -> None:
-        with self._database.write() as session:
+        with self.database.write() as session:
             row = jobs.locked_job(session, job_id)
             if row.status == jobs.RUNNING and row.owner == owner:  # not if it was cancelled after its last report
                 row.status, row.error, row.updated_at = status, error, now()

@@ -31,8 +31,7 @@ def start_identification(
     axis: AxisId, body: IdentificationIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> JobOut:
     """Identify the joints of an axis in the background; the result is the JSON of `preload identify`."""
-    on.identifications.require(axis, body)
-    row = on.jobs.submit(on.identifications.kind, axis, body.model_dump(mode="json", by_alias=True))
+    row = on.identifications.start(axis, body)
     response.headers["Location"] = f"/v1/jobs/{row.id}"
     return job_out(row)
 
@@ -44,8 +43,7 @@ def start_discrepancy(
     axis: AxisId, body: DiscrepancyIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> JobOut:
     """Explain in the background where measurements and model part; the result is the JSON of `preload explain`."""
-    on.discrepancies.require(axis, body)
-    row = on.jobs.submit(on.discrepancies.kind, axis, body.model_dump(mode="json", by_alias=True))
+    row = on.discrepancies.start(axis, body)
     response.headers["Location"] = f"/v1/jobs/{row.id}"
     return job_out(row)
 

@@ -75,8 +75,7 @@ def start_replay(
     axis: AxisId, body: ReplayIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> JobOut:
     """Replay a recorded session into an axis, as a job with progress; the same code as for live windows."""
-    on.replays.require(body.session)
-    row = on.jobs.submit("replay", axis, body.model_dump())
+    row = on.replays.start(axis, body)
     response.headers["Location"] = f"/v1/jobs/{row.id}"
     return job_out(row)
 

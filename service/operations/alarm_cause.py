@@ -25,7 +25,6 @@ from service.documents.change import examined_document, read_cause, refused_docu
 from service.documents.measurement import AlarmEvidence, read_evidence
 from service.errors import ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
-from service.operations.analysis_job import measured_with_windows
 from service.operations.monitoring.alarm_changes import store_explanation
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
@@ -33,6 +32,7 @@ from service.operations.monitoring.axis_configuration import (
     core_settings,
     load_configuration,
 )
+from service.operations.monitoring.stored_modes import measured_with_windows
 from service.operations.own_process import Progress, Report, in_own_process
 from service.store import alarms, jobs
 from service.store.axes import get_axis
@@ -95,12 +95,8 @@ class AlarmExplanations:
         try:
             with self._database.read() as session:
                 newest = alarms.list_alarms(session, axis_id=axis_id, status=None, before_id=None, limit=1)
-                waiting = [
-                    row.axis_id
-                    for row in jobs.unfinished_jobs(session)
-                    if row.kind == KIND and row.status == jobs.QUEUED
-                ]
-            if not newest or newest[0].status == alarms.CLEARED or axis_id in waiting:
+                waits = any(row.status == jobs.QUEUED for row in jobs.unfinished_jobs(session, KIND, axis_id))
+            if waits or not newest or newest[0].status == alarms.CLEARED:
                 return
             case = self._case(newest[0].id)
             if case.n_places >= FEWEST_POSITIONS and not case.settled:
@@ -151,11 +147,11 @@ class AlarmExplanations:
             )
 
     def _explained(self, case: _Case, job: JobHandle) -> ChangeAttribution:
-        job.report(0, 2, {"progress": "measuring the responses"})
+        job.say(0, 2, "measuring the responses")
         reference, recent = self._responses(case)
 
         def report(progress: Progress) -> None:
-            job.report(progress.done, progress.total, {"progress": progress.sentence})
+            job.say(progress.done, progress.total, progress.sentence)
 
         work = partial(_explain, _model(case.configuration), reference, recent, case.evidence.baseline_preload_n)
         return in_own_process(work, report, Progress(1, 2, "reading what was measured"))

@@ -1,80 +1,33 @@
 """Jobs that analyse what was measured of an axis: ask, measure, analyse in a process of its own, store the answer.
 
 What was measured are stored measurements of the axis, or peaks that come with the question.
-
-What an identification or an explanation is asked to look at, as it is sent and as its job keeps it.
-
-Modes of stored measurements, measured once more from their waveforms.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated, Generic, Literal, Protocol, Self, TypeVar
+from typing import Annotated, ClassVar, Generic, Literal, Protocol, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.measured_responses import SessionResponses, responses_of_windows
-from monitor_core.modal import ModalMeasurement, measure_mode
 from monitor_core.models import DriveConditions
-from monitor_core.pipeline import AxisSettings, measure_response, search_band
-from monitor_core.recording import Rejection, Window
 from monitor_core.recordings.elements.units import metres
 from service.errors import UnknownResourceError
-from service.jobs import JobHandle
+from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.fields import Moment, Number
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
+from service.operations.monitoring.stored_modes import measured_with_windows
 from service.operations.own_process import Progress, Report, in_own_process
 from service.store import jobs, measurements
 from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.jobs import ReportStore
-from service.store.measurements import accepted_places
 from service.store.retention import require_stored
-from service.store.tables import MeasurementRow
-from service.store.waveforms import WaveformPlace, WaveformStore
-
-
-def measured_modes(
-    database: Database, waveforms: WaveformStore, settings: AxisSettings, rows: Iterable[MeasurementRow]
-) -> Iterator[ModalMeasurement]:
-    """Measure the mode of each stored measurement, without a calibration; those that cannot be judged are left out.
-
-    Raises WaveformDamagedError if a waveform is not what was stored: what comes of it must not silently rest on less
-    than it was asked for.
-    """
-    for windows in _stored_windows(database, waveforms, rows):
-        modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
-        if isinstance(modal, ModalMeasurement):
-            yield modal
-
-
-def measured_with_windows(
-    database: Database, waveforms: WaveformStore, settings: AxisSettings, rows: Iterable[MeasurementRow]
-) -> Iterator[tuple[ModalMeasurement | Rejection, Sequence[Window]]]:
-    """Measure the response of each stored measurement on all its lines, and return it, or why not, with its windows.
-
-    Raises WaveformDamagedError as :func:`measured_modes`.
-    """
-    for windows in _stored_windows(database, waveforms, rows):
-        yield measure_response(windows, settings), windows
-
-
-def _stored_windows(
-    database: Database, waveforms: WaveformStore, rows: Iterable[MeasurementRow]
-) -> Iterator[Sequence[Window]]:
-    for row in rows:
-        windows = waveforms.read_where_they_lie(partial(_places, database, row.id))
-        if windows:
-            yield windows
-
-
-def _places(database: Database, measurement_id: int) -> list[WaveformPlace]:
-    with database.read() as session:
-        return accepted_places(session, measurement_id)
+from service.store.tables import JobRow, MeasurementRow
+from service.store.waveforms import WaveformStore
 
 
 class MeasurementRange(BaseModel):
@@ -114,10 +67,43 @@ AccelerometerPlace = Annotated[
 ]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What was measured of an axis, and what was settled on the way, in sentences."""
+
+    observations: tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]
+    assumptions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer as it is stored."""
+
+    document: JsonObject
+    page: str | None = None  # a report, one self-contained page of HTML
+
+
+class Question(Protocol):
+    """What is asked, ready to be answered in another process."""
+
+    def require(self) -> None:
+        """Refuse at once what cannot be answered; raises MonitorCoreError with the reason in one sentence."""
+        ...
+
+    def answer(self, report: Report) -> Answer:
+        """Answer it; raises as :meth:`require`."""
+        ...
+
+
 class AnalysisArguments(BaseModel):
-    """What was measured: stored measurements, or peaks."""
+    """What is asked, and what was measured: stored measurements, or peaks."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    #: Of its jobs.
+    kind: ClassVar[str]
+    #: Reported until the analysis reports its own.
+    first: ClassVar[Progress]
 
     measurements: MeasurementRange | None = None
     peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
@@ -131,6 +117,19 @@ class AnalysisArguments(BaseModel):
         if self.accelerometer is not None and self.measurements is None:
             raise ValueError("accelerometer goes with measurements; peaks are of the table")
         return self
+
+    def model_read(self) -> AxisDescription:
+        """Return the model that is asked about; raises MonitorCoreError if it cannot be read."""
+        raise NotImplementedError
+
+    def question(self, axis_id: str, measured: Measured) -> Question:
+        """Return what is asked of an axis, ready to be answered."""
+        raise NotImplementedError
+
+    @property
+    def range(self) -> MeasurementRange:
+        """Which stored measurements are asked for, where no peaks were posted."""
+        return self.measurements or MeasurementRange()
 
     @property
     def hold_out(self) -> tuple[float, ...]:
@@ -174,94 +173,56 @@ def selected_measurements(database: Database, axis_id: str, chosen: MeasurementR
     return rows
 
 
-def asked_for_measurements(arguments: AnalysisArguments) -> MeasurementRange:
-    """Return which stored measurements are asked for, where no peaks were posted."""
-    return arguments.measurements or MeasurementRange()
-
-
 #: How many finished ones the page of an axis lists.
 MOST_LISTED = 10
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """What was measured of an axis, and what was settled on the way, in sentences."""
-
-    observations: tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]
-    assumptions: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """An answer as it is stored."""
-
-    document: JsonObject
-    page: str | None = None  # a report, one self-contained page of HTML
-
-
-class Question(Protocol):
-    """What is asked, ready to be answered in another process."""
-
-    def require(self) -> None:
-        """Refuse at once what cannot be answered; raises MonitorCoreError with the reason in one sentence."""
-        ...
-
-    def answer(self, report: Report) -> Answer:
-        """Answer it; raises as :meth:`require`."""
-        ...
-
-
 Arguments = TypeVar("Arguments", bound=AnalysisArguments)
-
-
-@dataclass(frozen=True, slots=True)
-class Analysis(Generic[Arguments]):
-    """One kind of analysis."""
-
-    kind: str  # of its jobs
-    arguments: type[Arguments]
-    check: Callable[[Arguments], None]  # refuses a model that cannot be read; raises MonitorCoreError
-    question: Callable[[str, Arguments, Measured], Question]  # of an axis
-    first: Progress  # reported until the analysis reports its own
 
 
 class AnalysisJob(Generic[Arguments]):
     """Runs one kind of analysis in the background."""
 
     def __init__(
-        self, analysis: Analysis[Arguments], database: Database, waveforms: WaveformStore, reports: ReportStore
+        self,
+        arguments: type[Arguments],
+        database: Database,
+        waveforms: WaveformStore,
+        reports: ReportStore,
+        runner: JobRunner,
     ) -> None:
-        self.kind = analysis.kind
-        self._analysis = analysis
+        self.kind = arguments.kind
+        self._arguments = arguments
         self._database = database
         self._waveforms = waveforms
         self._reports = reports
+        self._runner = runner
 
-    def require(self, axis_id: str, arguments: Arguments) -> None:
-        """Refuse what cannot be answered before a job is made of it, as far as that shows without measuring.
+    def start(self, axis_id: str, asked: Arguments) -> JobRow:
+        """Begin; what cannot be answered is refused at once, as far as that shows without measuring.
 
         ``MonitorCoreError`` or ``ServiceError`` with the reason in one sentence.
         """
         with self._database.read() as session:
             get_axis(session, axis_id)
-        if arguments.peaks is not None:
-            self._question(axis_id, arguments).require()
+        if asked.peaks is not None:
+            self._question(axis_id, asked).require()
         else:
-            self._analysis.check(arguments)
-            selected_measurements(self._database, axis_id, asked_for_measurements(arguments))
+            asked.model_read()
+            selected_measurements(self._database, axis_id, asked.range)
+        return self._runner.submit(self.kind, axis_id, asked.model_dump(mode="json", by_alias=True))
 
     def run(self, job: JobHandle) -> None:
         """Answer; begun anew if it was interrupted."""
-        question = self._question(job.axis_id, self._analysis.arguments.model_validate(job.arguments))
-        latest = self._analysis.first
+        question = self._question(job.axis_id, self._arguments.model_validate(job.arguments))
+        latest = self._arguments.first
 
         def report(progress: Progress) -> None:
             nonlocal latest
             latest = progress
-            so_far: JsonObject = {} if progress.sentence is None else {"progress": progress.sentence}
-            job.report(progress.done, progress.total, so_far)
+            job.say(progress.done, progress.total, progress.sentence)
 
-        answer = in_own_process(question.answer, report, self._analysis.first)
+        answer = in_own_process(question.answer, report, latest)
         if answer.page is not None:
             self._reports.write(job.job_id, answer.page)
         steps = latest.total or max(latest.done, 1)
@@ -278,11 +239,10 @@ class AnalysisJob(Generic[Arguments]):
             raise UnknownResourceError(f"axis '{axis_id}' has no finished job of kind {self.kind} '{job_id}'")
         return self._reports.read(job_id)
 
-    def _question(self, axis_id: str, arguments: Arguments) -> Question:
-        if arguments.peaks is not None:
-            measured = Measured(tuple(peak.to_core() for peak in arguments.peaks))
+    def _question(self, axis_id: str, asked: Arguments) -> Question:
+        if asked.peaks is not None:
+            measured = Measured(tuple(peak.to_core() for peak in asked.peaks))
         else:
-            chosen = asked_for_measurements(arguments)
-            found = axis_measurements(self._database, self._waveforms, axis_id, chosen)
-            measured = Measured(found.observations, found.sentences)
-        return self._analysis.question(axis_id, arguments, measured)
+            responses = axis_measurements(self._database, self._waveforms, axis_id, asked.range)
+            measured = Measured(responses.observations, responses.sentences)
+        return asked.question(axis_id, measured)

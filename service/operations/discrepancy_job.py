@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -13,13 +12,9 @@ from monitor_core.recordings.model_file import model_file_text, parse_model
 from service.documents.explanation import explanation_document
 from service.operations.analysis_job import (
     MOST_LISTED,
-    AccelerometerPlace,
-    Analysis,
     AnalysisArguments,
     Answer,
     Measured,
-    MeasurementRange,
-    PeakIn,
 )
 from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
@@ -30,36 +25,6 @@ from service.store.tables import JobRow
 
 #: Reported until the explanation reports its own.
 FIRST = Progress(1, None, "reading what was measured")
-
-
-class DiscrepancyIn(AnalysisArguments):
-    """What the axis is said to be, and what was measured of it: stored measurements, or peaks."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
-        json_schema_extra={
-            "oneOf": exactly_one_of("measurements", "peaks"),
-            "examples": [
-                {"baseline": 'family = "lumped"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [300.0, 600.0]}
-            ],
-        },
-    )
-
-    baseline: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
-    measurements: MeasurementRange | None = None
-    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
-    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
-        default=[],
-        description="positions that the fit does not see and is judged by; without any, two inner ones of five or "
-        "more, else each of four preloads or more in turn",
-    )
-
-    accelerometer: AccelerometerPlace | None = None
-    time_limit_s: Annotated[Number, Field(gt=0, le=86_400)] | None = Field(
-        default=None,
-        description="after it the best answer so far is given, partial or unknown, with what was not tried",
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,49 +63,59 @@ class DiscrepancyQuestion:
         return Answer(explanation_document(explanation, model_text), explanation_page(explanation, model_text, title))
 
 
-def _check(arguments: DiscrepancyIn) -> None:
-    parse_model(arguments.baseline, "baseline")
+class DiscrepancyIn(AnalysisArguments):
+    """What the axis is said to be, and what was measured of it: stored measurements, or peaks."""
 
-
-def _question(axis_id: str, arguments: DiscrepancyIn, measured: Measured) -> DiscrepancyQuestion:
-    options = ExplainOptions(
-        hold_out=arguments.hold_out, accelerometer=arguments.accelerometer, assumptions=measured.assumptions
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        json_schema_extra={
+            "oneOf": exactly_one_of("measurements", "peaks"),
+            "examples": [
+                {"baseline": 'family = "lumped"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [300.0, 600.0]}
+            ],
+        },
     )
-    axis = parse_model(arguments.baseline, "baseline")
-    return DiscrepancyQuestion(axis_id, axis, measured, options, arguments.time_limit_s)
 
+    kind = "discrepancy"
+    first = FIRST
 
-DISCREPANCY = Analysis("discrepancy", DiscrepancyIn, _check, _question, FIRST)
+    baseline: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
+    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
+        default=[],
+        description="positions that the fit does not see and is judged by; without any, two inner ones of five or "
+        "more, else each of four preloads or more in turn",
+    )
+    time_limit_s: Annotated[Number, Field(gt=0, le=86_400)] | None = Field(
+        default=None,
+        description="after it the best answer so far is given, partial or unknown, with what was not tried",
+    )
 
+    def model_read(self) -> AxisDescription:
+        """Return what the axis is said to be."""
+        return parse_model(self.baseline, "baseline")
 
-@dataclass(frozen=True, slots=True)
-class FinishedDiscrepancy:
-    """A finished job in the words of a list."""
-
-    job_id: str
-    finished_at: datetime
-    outcome: str
-    effects: tuple[str, ...]  # keys of what was found
-
-
-def finished_discrepancies(database: Database, axis_id: str) -> list[FinishedDiscrepancy]:
-    """Return the last jobs of an axis that came to an answer, newest first."""
-    with database.read() as session:
-        rows = jobs.finished_jobs(session, axis_id, DISCREPANCY.kind, MOST_LISTED)
-    return [_in_short(row) for row in rows]
+    def question(self, axis_id: str, measured: Measured) -> DiscrepancyQuestion:
+        """Return what is asked of an axis."""
+        options = ExplainOptions(
+            hold_out=self.hold_out, accelerometer=self.accelerometer, assumptions=measured.assumptions
+        )
+        return DiscrepancyQuestion(axis_id, self.model_read(), measured, options, self.time_limit_s)
 
 
 class _FoundEffect(BaseModel):
     key: str
 
 
-class _Found(BaseModel):
-    """What a list shows of an answer."""
+class FoundDiscrepancy(BaseModel):
+    """What a comparison with the model found, in short; its report says it all."""
 
     outcome: str
     effects: list[_FoundEffect]
 
 
-def _in_short(row: JobRow) -> FinishedDiscrepancy:
-    found = _Found.model_validate(row.result)
-    return FinishedDiscrepancy(row.id, row.updated_at, found.outcome, tuple(effect.key for effect in found.effects))
+def finished_discrepancies(database: Database, axis_id: str) -> list[tuple[JobRow, FoundDiscrepancy]]:
+    """Return the last jobs of an axis that came to an answer, newest first, each with what it found."""
+    with database.read() as session:
+        rows = jobs.finished_jobs(session, axis_id, DiscrepancyIn.kind, MOST_LISTED)
+    return [(row, FoundDiscrepancy.model_validate(row.result)) for row in rows]

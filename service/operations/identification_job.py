@@ -12,13 +12,9 @@ from monitor_core.recordings.model_file import parse_model
 from monitor_core.uncertainty import Estimate
 from service.documents.identification import OBJECTIVES, identification_document
 from service.operations.analysis_job import (
-    AccelerometerPlace,
-    Analysis,
     AnalysisArguments,
     Answer,
     Measured,
-    MeasurementRange,
-    PeakIn,
 )
 from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
@@ -44,36 +40,6 @@ class PredictionIn(BaseModel):
         return PredictionRequest(self.mode_hz, preload, self.scatter_hz, ExcitationSource(self.excitation_source))
 
 
-class IdentificationIn(AnalysisArguments):
-    """Whose joints, and from what: stored measurements, or peaks."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
-        json_schema_extra={
-            "oneOf": exactly_one_of("measurements", "peaks"),
-            "examples": [
-                {"model": 'family = "receptance"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [500.0]}
-            ],
-        },
-    )
-
-    model: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
-    measurements: MeasurementRange | None = None
-    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
-    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
-        default=[], description="positions that the fit does not see and is judged by; without any, each in turn"
-    )
-    limits: dict[str, tuple[Number, Number]] = Field(
-        default={}, max_length=20, description="lower and upper limit of a free joint, by its name in the model"
-    )
-    objective: Literal["weighted", "eq-26"] = "weighted"
-    prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-
-    accelerometer: AccelerometerPlace | None = None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentificationQuestion:
     """Which joints an axis has, by what was measured of it."""
@@ -97,22 +63,48 @@ class IdentificationQuestion:
         return Answer(identification_document(joints))
 
 
-def _check(arguments: IdentificationIn) -> None:
-    parse_model(arguments.model, "model")
+class IdentificationIn(AnalysisArguments):
+    """Whose joints, and from what: stored measurements, or peaks."""
 
-
-def _question(axis_id: str, arguments: IdentificationIn, measured: Measured) -> IdentificationQuestion:
-    del axis_id
-    options = IdentifyOptions(
-        hold_out=arguments.hold_out,
-        limits=arguments.limits,
-        weighting=OBJECTIVES[arguments.objective],
-        seed=arguments.seed,
-        prediction=None if arguments.prediction is None else arguments.prediction.to_core(),
-        accelerometer=arguments.accelerometer,
-        assumptions=measured.assumptions,
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        json_schema_extra={
+            "oneOf": exactly_one_of("measurements", "peaks"),
+            "examples": [
+                {"model": 'family = "receptance"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [500.0]}
+            ],
+        },
     )
-    return IdentificationQuestion(parse_model(arguments.model, "model"), measured, options)
 
+    kind = "identification"
+    first = Progress(0)
 
-IDENTIFICATION = Analysis("identification", IdentificationIn, _check, _question, Progress(0))
+    model: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
+    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
+        default=[], description="positions that the fit does not see and is judged by; without any, each in turn"
+    )
+    limits: dict[str, tuple[Number, Number]] = Field(
+        default={}, max_length=20, description="lower and upper limit of a free joint, by its name in the model"
+    )
+    objective: Literal["weighted", "eq-26"] = "weighted"
+    prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+
+    def model_read(self) -> AxisDescription:
+        """Return what the axis is said to be."""
+        return parse_model(self.model, "model")
+
+    def question(self, axis_id: str, measured: Measured) -> IdentificationQuestion:
+        """Return what is asked of an axis."""
+        del axis_id
+        options = IdentifyOptions(
+            hold_out=self.hold_out,
+            limits=self.limits,
+            weighting=OBJECTIVES[self.objective],
+            seed=self.seed,
+            prediction=None if self.prediction is None else self.prediction.to_core(),
+            accelerometer=self.accelerometer,
+            assumptions=measured.assumptions,
+        )
+        return IdentificationQuestion(self.model_read(), measured, options)

@@ -235,7 +235,7 @@ class Purges:
     def begin(self, who: str) -> JobRow:
         """Begin a purge, or return the one that is not done yet; raises ConflictError if there is no rule."""
         with self._database.read() as session:
-            unfinished = [row for row in jobs.unfinished_jobs(session) if row.kind == KIND]
+            unfinished = jobs.unfinished_jobs(session, KIND)
         return unfinished[0] if unfinished else self._jobs.submit(KIND, None, {}, partial(self._stored, who))
 
     def run(self, job: JobHandle) -> None:

@@ -14,7 +14,6 @@ from sqlalchemy import (
     literal,
     or_,
     select,
-    text,
     tuple_,
     update,
 )
@@ -22,7 +21,7 @@ from sqlalchemy.orm import Session
 
 from service.json_types import JsonObject
 from service.store.intake import MeasurementRecord
-from service.store.jobs import CANCELLED, DONE
+from service.store.jobs import CANCELLED, DONE, UNFINISHED, unfinished_jobs
 from service.store.tables import AxisRow, JobRow, MeasurementRow, RejudgedRow, WindowRow
 from service.store.trend.points import Cursor, Span
 from service.store.waveforms import WaveformPlace
@@ -33,8 +32,6 @@ _STAGED, _JOBS, _AXES, _MEASUREMENTS = (
     mapped.metadata.tables[mapped.__tablename__] for mapped in (RejudgedRow, JobRow, AxisRow, MeasurementRow)
 )
 _MEASUREMENT = [_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__]
-#: As the index has it: a parameter in its place would hide that from the database.
-_UNFINISHED = text("jobs.status IN ('queued', 'running')")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +58,6 @@ class StoredWindow:
     refusal_detail: str | None
 
 
-def unfinished_of(session: Session, axis_id: str | None = None) -> list[JobRow]:
-    """Return the jobs that judge a history anew and are not done, of one axis or of all."""
-    query = select(JobRow).where(_UNFINISHED, JobRow.kind == KIND)
-    return list(session.scalars(query if axis_id is None else query.where(JobRow.axis_id == axis_id)))
-
-
 @dataclass(frozen=True, slots=True)
 class Stale:
     """The job that judges a history anew, and by which calibration."""
@@ -79,7 +70,7 @@ def stale_axes(session: Session, axis_id: str | None = None) -> dict[str, Stale]
     """Return the axes whose values are about to be replaced, all or one of them; dry runs replace nothing."""
     return {
         row.axis_id: Stale(row.id, calibration)
-        for row in unfinished_of(session, axis_id)
+        for row in unfinished_jobs(session, KIND, axis_id)
         if row.axis_id is not None
         and not row.arguments.get("dry_run")
         and isinstance(calibration := row.arguments.get("calibration"), int)
@@ -141,7 +132,7 @@ def staged(connection: Connection, job_id: str) -> Iterator[StagedRecord]:
 def forget_staged(connection: Connection, job_id: str | None) -> None:
     """Forget what a job kept aside; by default what jobs did that are at their end."""
     if job_id is None:
-        unfinished = select(_JOBS.c.id).where(_UNFINISHED)
+        unfinished = select(_JOBS.c.id).where(UNFINISHED)
         connection.execute(delete(_STAGED).where(_STAGED.c.job_id.not_in(unfinished)))
     else:
         connection.execute(delete(_STAGED).where(_STAGED.c.job_id == job_id))

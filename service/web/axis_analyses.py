@@ -113,9 +113,5 @@ def _begin(axis: str, question: Question, page: Page, on: Services, form: Analys
 
 def _begun(axis: str, question: Question, form: AnalysisForm, on: Services) -> JobRow:
     if question == "identifications":
-        identification = IdentificationIn.model_validate(form.arguments() | {"model": form.model})
-        on.identifications.require(axis, identification)
-        return on.jobs.submit(on.identifications.kind, axis, identification.model_dump(mode="json", by_alias=True))
-    discrepancy = DiscrepancyIn.model_validate(form.arguments() | {"baseline": form.model})
-    on.discrepancies.require(axis, discrepancy)
-    return on.jobs.submit(on.discrepancies.kind, axis, discrepancy.model_dump(mode="json", by_alias=True))
+        return on.identifications.start(axis, IdentificationIn.model_validate(form.arguments() | {"model": form.model}))
+    return on.discrepancies.start(axis, DiscrepancyIn.model_validate(form.arguments() | {"baseline": form.model}))

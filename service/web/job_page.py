@@ -10,6 +10,7 @@ from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.access.scopes import Scope
+from service.operations.discrepancy_job import DiscrepancyIn, FoundDiscrepancy
 from service.operations.fields import JobId
 from service.operations.monitoring.rejudged_history import Column
 from service.web.site import PageOf, done
@@ -47,17 +48,6 @@ class Joints(BaseModel):
     model: str
 
 
-class _Effect(BaseModel):
-    key: str
-
-
-class Discrepancy(BaseModel):
-    """What a comparison with the model found, in short; its report says it all."""
-
-    outcome: str
-    effects: list[_Effect]
-
-
 class Rejudged(BaseModel):
     """By which calibration which part was judged again."""
 
@@ -83,7 +73,7 @@ def job_page(job: JobId, page: PageOf, on: Annotated[Services, Depends(services)
         asked=Rejudged.model_validate(_aliased(out)) if out.kind == "rejudgement" else None,
         in_force=None if out.kind != "rejudgement" or out.axis is None else on.calibrations.overview(out.axis).active,
         joints=_found(out, "identification", Joints),
-        discrepancy=_found(out, "discrepancy", Discrepancy),
+        discrepancy=_found(out, DiscrepancyIn.kind, FoundDiscrepancy),
     )
 
 
@@ -92,7 +82,7 @@ def _aliased(job: JobOut) -> dict[str, object]:
     return {"calibration": asked["calibration"], "start": asked.get("from"), "end": asked.get("to")}
 
 
-Result = type[Compared] | type[Joints] | type[Discrepancy]
+Result = type[Compared] | type[Joints] | type[FoundDiscrepancy]
 
 
 def _found(job: JobOut, kind: str, result: Result) -> BaseModel | None:

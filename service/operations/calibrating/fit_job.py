@@ -8,13 +8,12 @@ from sqlalchemy.orm import Session
 from monitor_core.modal import ModalMeasurement
 from monitor_core.preload import Calibration, expected_frequency
 from monitor_core.recordings.elements.units import to_millimetres
-from service.errors import ConflictError
 from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
-from service.operations.analysis_job import measured_modes
 from service.operations.fields import Moment, RequestModel
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
 from service.operations.monitoring.calibrations import Calibrations, add_calibration, nothing_to_fit
+from service.operations.monitoring.stored_modes import measured_modes
 from service.store import jobs, measurements
 from service.store.axes import get_axis
 from service.store.calibrations import get_calibration
@@ -79,17 +78,8 @@ class CalibrationJobs:
             if not measurements.calibration_measurements(session, axis_id, asked.start, asked.end):
                 raise nothing_to_fit(axis_id)
 
-        def alone(session: Session, row: JobRow) -> JsonObject:
-            others = [
-                other.id
-                for other in jobs.unfinished_jobs(session)
-                if (other.kind, other.axis_id) == (KIND, axis_id) and other.id != row.id
-            ]
-            if others:
-                raise ConflictError(f"a calibration of axis '{axis_id}' is being fitted already, by job {others[0]}")
-            return row.arguments
-
-        return self._runner.submit(KIND, axis_id, asked.model_dump(mode="json", by_alias=True), store_with=alone)
+        alone = f"a calibration of axis '{axis_id}' is being fitted"
+        return self._runner.submit(KIND, axis_id, asked.model_dump(mode="json", by_alias=True), alone=alone)
 
     def newest(self, axis_id: str) -> JobRow | None:
         """Return the fit of an axis that was begun last; None if there was none."""

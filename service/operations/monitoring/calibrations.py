@@ -21,10 +21,10 @@ from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
 from service.json_types import JsonObject
-from service.operations.analysis_job import measured_modes
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.epochs import begin_by_calibration
 from service.operations.monitoring.sisters import prior_of_sisters
+from service.operations.monitoring.stored_modes import measured_modes
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
 from service.store.database import Database

@@ -3,7 +3,7 @@
 import cmath
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -20,11 +20,12 @@ from monitor_core.uncertainty import Estimate
 from service.errors import LetGoError, WaveformDamagedError
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.chart_state import load_state
+from service.operations.monitoring.stored_modes import accepted_windows
 from service.operations.monitoring.trend import MeasurementView
 from service.store import axes, calibrations, measurements
 from service.store.database import Database
 from service.store.trend.points import Span, page_of_points, point_before
-from service.store.waveforms import WaveformPlace, WaveformStore
+from service.store.waveforms import WaveformStore
 
 #: Measurements of the baseline that are averaged, and how far from the place of the measurement they may be [mm].
 _MOST_AVERAGED, _SAME_PLACE_MM = 8, 5.0
@@ -179,13 +180,9 @@ class MeasurementEvidence:
 
     def _windows_of(self, measurement_id: int) -> list[Window]:
         try:
-            return self._waveforms.read_where_they_lie(partial(self._places, measurement_id))
+            return accepted_windows(self._database, self._waveforms, measurement_id)
         except (LetGoError, WaveformDamagedError):
             return []
-
-    def _places(self, measurement_id: int) -> list[WaveformPlace]:
-        with self._database.read() as session:
-            return measurements.accepted_places(session, measurement_id)
 
     def _baseline(self, lines: tuple[float, float]) -> list[FrequencyResponse]:
         with self._database.read() as session:

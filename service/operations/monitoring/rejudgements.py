@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from monitor_core.recordings.calibration_file import calibration_from_document
 from service.clock import now
-from service.errors import BusyError, ConflictError, InvalidRequestError
+from service.errors import BusyError, InvalidRequestError
 from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.fields import Moment, RequestModel, Text
@@ -74,14 +74,12 @@ class Rejudgements:
         with self._database.read() as session:
             calibrations.get_calibration(session, axis_id, asked.calibration)
 
-        def alone(session: Session, row: JobRow) -> JsonObject:
-            others = [other.id for other in rejudged.unfinished_of(session, axis_id) if other.id != row.id]
-            if others:
-                raise ConflictError(f"the history of axis '{axis_id}' is being judged anew already, by job {others[0]}")
+        def in_force(session: Session, row: JobRow) -> JsonObject:
             calibrations.require_in_force(get_axis(session, axis_id), if_match)
             return row.arguments
 
-        return self._runner.submit(KIND, axis_id, asked.model_dump(mode="json", by_alias=True), store_with=alone)
+        alone = f"the history of axis '{axis_id}' is being judged anew"
+        return self._runner.submit(KIND, axis_id, asked.model_dump(mode="json", by_alias=True), in_force, alone=alone)
 
     def run(self, job: JobHandle) -> None:
         """Judge what is left aside, then let it stand, or undo it where it is a dry run."""

@@ -6,17 +6,19 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Final, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from monitor_core.recordings.session_hdf5 import SessionReader, open_session
 from service.errors import UnknownResourceError
-from service.jobs import JobHandle
+from service.jobs import JobHandle, JobRunner
 from service.operations.fields import Number
 from service.operations.monitoring.intake.batch import WindowStatus
 from service.operations.monitoring.intake.ingest import Ingest
+from service.store.tables import JobRow
 
+KIND: Final = "replay"
 SUFFIX = ".session.h5"
 
 
@@ -74,9 +76,10 @@ COUNTS = TypeAdapter(WindowCounts)
 class Replays:
     """Offers the sessions of one folder and replays them; the work of a job of kind ``replay``."""
 
-    def __init__(self, folder: Path, ingest: Ingest) -> None:
+    def __init__(self, folder: Path, ingest: Ingest, runner: JobRunner) -> None:
         self._folder = folder
         self._ingest = ingest
+        self._runner = runner
 
     def sessions(self) -> list[str]:
         """Return the names of the sessions that can be replayed."""
@@ -84,11 +87,14 @@ class Replays:
             return []
         return sorted(path.name.removesuffix(SUFFIX) for path in self._folder.glob(f"*{SUFFIX}"))
 
-    def require(self, session: str) -> None:
-        """Refuse the name of a session that is not there."""
-        if session not in self.sessions():
-            known = ", ".join(self.sessions()) or "none"
-            raise UnknownResourceError(f"no recorded session '{session}' in the replay folder; there are: {known}")
+    def start(self, axis_id: str, asked: ReplayIn) -> JobRow:
+        """Begin in the background; UnknownResourceError if there is no such session, or axis."""
+        if asked.session not in self.sessions():
+            names = ", ".join(self.sessions()) or "none"
+            raise UnknownResourceError(
+                f"no recorded session '{asked.session}' in the replay folder; there are: {names}"
+            )
+        return self._runner.submit(KIND, axis_id, asked.model_dump())
 
     def run(self, job: JobHandle) -> None:
         """Replay one session from where the job was interrupted; windows that are stored already are passed over."""

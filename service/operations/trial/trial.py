@@ -8,10 +8,7 @@ from datetime import datetime, timedelta
 from itertools import count
 from typing import Final
 
-from sqlalchemy.orm import Session
-
 from service.clock import now, text_of
-from service.errors import ConflictError
 from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.monitoring.alarms import Alarms
@@ -76,12 +73,12 @@ class Trials:
             axis_id = next(name for name in names if session.get(AxisRow, name) is None)
         ends_at = (now() - _LATER).replace(second=0, microsecond=0)
         arguments: JsonObject = {"axis": axis_id, "ends_at": text_of(ends_at)}
-        return self._runner.submit(KIND, None, arguments, store_with=_alone)
+        return self._runner.submit(KIND, None, arguments, alone="a trial axis is being made")
 
     def under_way(self) -> JobRow | None:
         """Return the job that makes a trial axis now."""
         with self._database.read() as session:
-            return jobs.unfinished_of(session, KIND)
+            return next(iter(jobs.unfinished_jobs(session, KIND)), None)
 
     def end(self) -> None:
         """Put all trial axes away."""
@@ -185,9 +182,3 @@ class Trials:
         }
         with self._database.write(axis_id) as session:
             backdating.date_alarms(session, axis_id, done_at)
-
-
-def _alone(session: Session, row: JobRow) -> JsonObject:
-    if jobs.count_unfinished(session, KIND) > 1:
-        raise ConflictError("a trial axis is being made already; it takes some seconds")
-    return row.arguments
