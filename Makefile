@@ -27,10 +27,11 @@ $(STAMP): requirements/dev.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
 
-# Programs that tests use and pip does not bring, with the packages of Debian that do.
-TOOLS := chromium:chromium firefox-esr:firefox-esr caddy:caddy mosquitto:mosquitto promtool:prometheus
+# Programs that tests use and pip does not bring, with the packages of Debian that do; Firefox is for `make test-all`.
+TOOLS := chromium:chromium caddy:caddy mosquitto:mosquitto promtool:prometheus
+test-all: TOOLS += firefox-esr:firefox-esr
 
-tools:           ## what tests need of Debian: two browsers, a broker, a proxy, promtool (installs what is missing, as root)
+tools:           ## what tests need of Debian: a browser, a broker, a proxy, promtool (installs what is missing, as root)
 	@packages=; for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || packages="$$packages $${tool##*:}"; done; \
 	if [ -z "$$packages" ]; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
@@ -40,26 +41,27 @@ tools:           ## what tests need of Debian: two browsers, a broker, a proxy, 
 demo: setup      ## replay the bundled sessions through the live service; prints trend and alarms
 	$(BIN)/preload demo
 
-test: setup tools ## every test, with lint, types, import contracts and docs
+static: setup    ## lint, types, import contracts, and the docs as a site
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 	$(BIN)/lint-imports
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+
+test: static tools      ## static checks, and tests of every kind of behaviour
+	$(BIN)/python -m pytest $(TWO_WORKERS) -m "not release"
+
+test-all: static tools  ## static checks and every test, as before a release
 	$(BIN)/python -m pytest $(TWO_WORKERS)
 
-test-fast: setup ## lint and the tests that are not slow, in a minute
-	$(BIN)/python -m ruff check .
-	$(BIN)/python -m pytest $(TWO_WORKERS) -m "not slow"
-
-coverage: setup  ## every test with coverage measured and printed (takes twice the time of `make test`)
+coverage: setup  ## every test with coverage measured and printed (takes twice the time of `make test-all`)
 	$(BIN)/python -m pytest $(TWO_WORKERS) --cov --cov-report=term
 
-test-python:     ## the tests that are not slow on another Python: make test-python OTHER=python3.13
+test-python:     ## the tests of `make test` on another Python: make test-python OTHER=python3.13
 	@$(OTHER) --version >/dev/null 2>&1 || { echo "'$(OTHER)' does not run. Set OTHER=/path/to/python3.13."; exit 1; }
 	$(OTHER) -m venv $(OTHER_VENV)
 	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --require-hashes -r requirements/dev.lock
 	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	$(OTHER_VENV)/bin/python -m pytest $(TWO_WORKERS) -m "not slow"
+	$(OTHER_VENV)/bin/python -m pytest $(TWO_WORKERS) -m "not release"
 
 check: test      ## the same as `make test`
 
@@ -69,8 +71,16 @@ serve: setup     ## the service on this machine (loopback, SQLite under ./var)
 docs: setup      ## the pages of docs/ as a site, in build/site (needs no network)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
-bench: setup     ## side-by-side timings against peers, in one run
+bench: setup     ## speed against peers, kills by the hundred, growth, a plant of axes, hostile senders
 	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.kills --kills 200
+	$(BIN)/python -m benchmarks.several_services kills --kills 120
+	$(BIN)/python -m benchmarks.arrival_orders --orders 200
+	$(BIN)/python -m benchmarks.history growth
+	$(BIN)/python -m benchmarks.many_axes --axes 1000 --days 30
+	$(BIN)/python -m benchmarks.pages
+	$(BIN)/python -m benchmarks.hostile_bodies --mib 63
+	$(BIN)/python -m benchmarks.hostile_connections --rounds 5
 
 replay-data: setup  ## write replay_data/ again from the independent plant
 	$(BIN)/python -m tests.hidden_effects.write_example
@@ -91,4 +101,4 @@ lock:            ## resolve the two lock files again from pyproject.toml
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) $(OTHER_VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup tools demo test test-fast coverage test-python check serve docs bench replay-data plots pictures lock clean
+.PHONY: help setup tools demo static test test-all coverage test-python check serve docs bench replay-data plots pictures lock clean

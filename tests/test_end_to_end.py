@@ -30,7 +30,7 @@ from tests.conftest import PROJECT_ROOT
 from tests.plant.chain import Condition
 from tests.plant.measurements import CALIBRATION_SCATTER, simulate_measurements, to_windows
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.release
 SETTINGS = AxisSettings(search_band=(140.0, 230.0))
 WINDOWS = 15  # of each simulated measurement
 #: Windows of a measurement as recorded, and what came of it.

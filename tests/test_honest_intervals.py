@@ -15,7 +15,7 @@ from monitor_core.recording import Rejection
 from monitor_core.session import calibrate_session, judge_session, with_session_doubts
 from tests.plant.shop import CASES, MEDIUM, ShopYear, calibration_session, case_session, shop_year
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.release
 SETTINGS = AxisSettings(search_band=(120.0, 260.0))
 #: What a case shows itself by; empty: the interval is wide enough, and nothing need be said.
 SAID = {

@@ -77,7 +77,7 @@ def test_a_ball_screw_axis_becomes_a_motion_record(preload, emps):
     assert record.drive[0] == pytest.approx(2.53862809 * 35.15065, rel=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_motion_of_the_axis_lacks_coulomb_friction_first(preload, emps):
     # The benchmark: M 95.12 kg, Fv 203.5 N s/m, Fc 20.39 N; the ladder's first step is Coulomb friction, 17.9 % to 7 %.
     answer = answer_of(
@@ -110,7 +110,7 @@ def hits(measured_data):
     return [measured_data / "pyfrf_impacts" / f"measurements_{number}.npy" for number in range(1, 6)]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_five_hammer_hits_show_their_four_modes_in_one_command(preload, hits):
     answer = answer_of(preload, "frf", *hits, "--map", write("hits.toml", HAMMER), "--band-hz", 500, 4140, "--modes", 6)
     (measurement,) = answer["measurements"]

@@ -74,7 +74,7 @@ def test_the_whole_model_leaves_what_two_modal_tests_differ_by() -> None:
     assert max(map(abs, found.hypothesis.ln_ratios(found.coordinates).values())) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_screw_that_does_not_twist_lacks_torsional_flexibility() -> None:
     """Then the third order, a torsional mode, is missed at all positions; the screw's own G J makes it again."""
     subject = DescribedDrive(AXIS, JOINTS, {"torsional-flexibility": {"compliance_share": -1.0}})
@@ -93,7 +93,7 @@ def test_a_screw_that_does_not_twist_lacks_torsional_flexibility() -> None:
     assert answer.gap.after.held_out < 1.6
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_single_support_hides_behind_a_refit() -> None:
     """It takes up the stiffness of both and leaves 3.4 %, where without a refit the second order is a quarter off."""
     subject = DescribedDrive(ON_ONE_SUPPORT, OF_ONE_SUPPORT, {})
@@ -103,7 +103,7 @@ def test_a_single_support_hides_behind_a_refit() -> None:
     assert ratio * AXIS.bearing_stiffness == pytest.approx(8.6e7, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_far_support_is_found_beside_a_refit() -> None:
     subject = DescribedDrive(ON_ONE_SUPPORT, dict.fromkeys(OF_ONE_SUPPORT, 0.3), {})
     rivals = among(subject, "far-bearing-stiffness", "guide-stiffness", "screw-axial-stiffness", "series-compliance")
@@ -123,7 +123,7 @@ def test_the_printed_coupling_misses_the_first_order() -> None:
     np.testing.assert_allclose(np.expm1(comparison.misfit(subject.physics({}))[first]), -0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_frequencies_alone_do_not_part_a_soft_rotor_from_a_spring_between_table_and_ground() -> None:
     """Either gives the first order, from the printed coupling read per degree, and all frequencies to 1.5 %."""
     per_degree = replace(AXIS, coupling_stiffness=PRINTED * math.pi / 180.0)
@@ -160,7 +160,7 @@ def test_the_loss_factor_closes_the_damping_gap_and_not_the_frequency_gap() -> N
     np.testing.assert_allclose(266.72 * np.expm1([before[0], found.misfit[0]]), 28.4, atol=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_loss_factor_is_named_and_the_tolerances_take_up_the_frequency() -> None:
     """Of one frequency bearing, nut or mass would do alike; none of them is named, nor is the loss factor for it."""
     subject = DescribedDrive(LOSSLESS, {"bearing_stiffness_n_per_m": 0.3, "nut_stiffness_n_per_m": 0.3}, {})
@@ -179,7 +179,7 @@ def test_the_loss_factor_is_named_and_the_tolerances_take_up_the_frequency() -> 
 # --- Nguyen et al. (2018) --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_table_1_as_printed_has_a_wrong_bracket_stiffness(published_data) -> None:
     """63.3 Hz without it, 7.27 Hz with it; the rest has the shape of the far bearing, and no mass is taken away."""
     printed = DescribedDrive(replace(bundled("lumped").parameters, bracket_stiffness=2.1e7), {}, {})

@@ -76,7 +76,7 @@ def test_one_bad_hit_among_five_is_named_and_left_out(hits):
     assert outcome.coherence > 0.99
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_two_bad_shocks_are_refused_as_clipped(track):
     # The set's own description calls tests 17 and 24 bad: their response sticks to the end of its range.
     assert {number: refusal.reason for number, refusal in track.refused.items()} == {
@@ -85,7 +85,7 @@ def test_the_two_bad_shocks_are_refused_as_clipped(track):
     }
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_false_peak_in_the_null_of_the_excitation_is_not_taken(track, measured_data):
     shocks = [w for number, w in board_shocks(measured_data).items() if number not in (17, 24)]
     frf = response_of(shocks, SHOCK_BAND)
@@ -97,7 +97,7 @@ def test_the_false_peak_in_the_null_of_the_excitation_is_not_taken(track, measur
     assert track.baseline.coherence > 0.99
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_frequency_falls_by_somewhat_less_than_one_percent(track):
     assert len(track.shock) == 30
     # From the first five to the last five; others found 0.7 to 0.9 %, and t = −10 to −16 with plainer estimators.
@@ -108,7 +108,7 @@ def test_the_frequency_falls_by_somewhat_less_than_one_percent(track):
     assert min(track.coherence) > 0.95
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_single_fits_scatter_more_than_they_say(track):
     # The formal uncertainty is no repeatability: limits of alarms must come from the scatter between shocks.
     line = scipy.stats.linregress(np.arange(8, 30), track.frequency[8:])

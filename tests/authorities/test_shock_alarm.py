@@ -19,7 +19,7 @@ from monitor_core.trend.belief import STRUCTURES
 from tests.authorities.real_records import BASELINE_SHOCKS, START, shock_frequency_track
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_fall_is_alarmed_between_shock_13_and_17(measured_data: Path) -> None:
     # others found 14 to 16 with EWMA and CUSUM on the same baseline of eight shocks and a plainer estimator
     track = shock_frequency_track(measured_data)

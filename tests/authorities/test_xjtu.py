@@ -44,7 +44,7 @@ def states(drag_torque, baseline_size):
     return history[1:]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @SCREWS
 @pytest.mark.parametrize("baseline_size", [5, 6, 7, 8])
 def test_loss_is_alarmed_between_280_and_600_hours(drag_torque, baseline_size):
@@ -54,7 +54,7 @@ def test_loss_is_alarmed_between_280_and_600_hours(drag_torque, baseline_size):
     assert set(status[first:]) == {TrendStatus.ALARM}  # it goes on to be lost
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @SCREWS
 def test_the_evidence_names_the_loss(drag_torque):
     # five inspections tell the scatter and nothing of their dependence: the loss is then sooner seen than measured

@@ -186,7 +186,7 @@ ACTIONS: tuple[Callable[[Page, Submit, Site, Path], None], ...] = (
 )  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("look", list(itertools.product(SIZES, THEMES)), ids="-".join)
 @pytest.mark.parametrize("submit", [by_click, by_keyboard])
 def test_every_action_can_be_seen_hit_and_done(

@@ -81,7 +81,7 @@ def test_the_wall_is_large(served: Site, visit: Visit) -> None:
     expect(page.locator(".tiles li").first).to_contain_text("nobody has it yet")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_thousand_axes_take_three_tenths_of_a_second(fresh_service: Site) -> None:
     for number in range(1000 - len(STATES) - 1):
         fresh_service.api.register(f"axis-{number:03d}")

@@ -105,7 +105,7 @@ def differing(pages: dict[str, Page]) -> dict[str, tuple[str, str]]:
     return {path: both for path, both in texts.items() if both[0] != both[1]}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("event", EVENTS)
 def test_an_open_page_equals_a_fresh_one(fresh_service: Site, visit: Visit, event: str) -> None:
     allowed = "Failed to load resource"  # of an axis that nobody knows yet, and while the service is gone

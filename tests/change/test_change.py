@@ -228,7 +228,7 @@ def test_positions_a_few_millimetres_apart_are_one_place() -> None:
     np.testing.assert_allclose(positions_of(np.array([0.301, 0.5, 0.3, 0.305, 0.7])), [0.302, 0.5, 0.7])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("change", "cause", "size"),
     [
@@ -259,7 +259,7 @@ def test_unchanged_axis_has_no_cause() -> None:
     assert answer.sentence.startswith("nothing has changed beyond the noise")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_cause_beyond_the_catalogue_is_unknown() -> None:
     rng = np.random.default_rng(2)
     other = replace(axis(), joints=replace(axis().joints, bracket_stiffness=0.7 * axis().joints.bracket_stiffness))
@@ -268,7 +268,7 @@ def test_cause_beyond_the_catalogue_is_unknown() -> None:
     assert "no single change explains it" in answer.sentence
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_temperature_that_the_windows_state_explains_what_it_can() -> None:
     told = explained((WARMING, {"temperature_k": 15.0}), told=15.0)
     assert (told.outcome, told.cause, told.equivalent_to) == (Outcome.NAMED, Cause.TEMPERATURE, ())
@@ -276,7 +276,7 @@ def test_temperature_that_the_windows_state_explains_what_it_can() -> None:
     assert explained(told=15.0).cause is not Cause.TEMPERATURE
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_change_beside_a_stated_temperature_is_told_apart() -> None:
     answer = explained((WARMING, {"temperature_k": 10.0}), (PRELOAD_CHANGE, {"preload_n": -75.0}), told=10.0)
     assert (answer.outcome, answer.cause) == (Outcome.NAMED, Cause.PRELOAD)
@@ -308,7 +308,7 @@ def test_model_that_does_not_describe_the_reference_is_refused() -> None:
         attribute_change(wrong, reference, reference, preload=PRELOAD)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_answer_that_is_not_sure_names_what_else_it_may_be() -> None:
     # a frequency shift that 10 K make, too: less than a temperature that nobody told
     answer = explained((ADDED_MASS, {"mass_kg": 0.06}))

@@ -35,7 +35,6 @@ DOCS = PROJECT_ROOT / "docs"
 TOP_PAGES = [PROJECT_ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 PAGES = [*TOP_PAGES, *sorted(DOCS.rglob("*.md")), *sorted((PROJECT_ROOT / "benchmarks").rglob("*.md"))]
 MODULES = sorted(info.name for info in pkgutil.walk_packages(monitor_core.__path__, "monitor_core."))
-PACKAGES = [name for name in MODULES if hasattr(importlib.import_module(name), "__all__")]
 CODE_SPAN = re.compile(r"`([^`\n]+)`")
 
 
@@ -81,9 +80,12 @@ def named_tests() -> list[tuple[str, str, str]]:
     return named
 
 
-@pytest.mark.parametrize(("page", "file", "name"), named_tests())
-def test_every_test_that_is_named_exists(page, file, name):
-    assert name in names_of_tests(PROJECT_ROOT / "tests" / file), f"{page} names it"
+def test_every_test_that_is_named_exists():
+    assert not [
+        f"{page} names {file}::{name}"
+        for page, file, name in named_tests()
+        if name not in names_of_tests(PROJECT_ROOT / "tests" / file)
+    ]
 
 
 def exists(dotted: str) -> bool:
@@ -105,16 +107,15 @@ def named_functions() -> list[str]:
     return sorted(s for s in spans if re.fullmatch(r"\w+(\.\w+)+", s) and s.split(".")[0] in heads)
 
 
-@pytest.mark.parametrize("page", ["reference/equations.md", "reference/errata.md"])
-def test_every_file_of_tests_that_is_named_exists(page):
-    for span in code_spans(text_of(page)):
-        if re.fullmatch(r"(\w+/)*test_\w+\.py", span):
-            assert (PROJECT_ROOT / "tests" / span.removeprefix("tests/")).exists(), f"{page} names {span}"
+def test_every_file_of_tests_that_is_named_exists():
+    for page in ("reference/equations.md", "reference/errata.md"):
+        for span in code_spans(text_of(page)):
+            if re.fullmatch(r"(\w+/)*test_\w+\.py", span):
+                assert (PROJECT_ROOT / "tests" / span.removeprefix("tests/")).exists(), f"{page} names {span}"
 
 
-@pytest.mark.parametrize("dotted", named_functions())
-def test_every_function_that_is_named_exists(dotted):
-    assert exists(dotted)
+def test_every_function_that_is_named_exists():
+    assert not [dotted for dotted in named_functions() if not exists(dotted)]
 
 
 def test_equations_name_functions_of_every_package_that_computes():
@@ -123,8 +124,13 @@ def test_equations_name_functions_of_every_package_that_computes():
     assert not exists("preload.feature.no_such_function")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_and_paths_lead_somewhere(page):
+def test_links_and_paths_lead_somewhere(subtests):
+    for page in PAGES:
+        with subtests.test(str(page.relative_to(PROJECT_ROOT))):
+            assert_links_and_paths_lead_somewhere(page)
+
+
+def assert_links_and_paths_lead_somewhere(page):
     text = without_blocks(page.read_text(encoding="utf-8"))
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if "://" in target:
@@ -143,20 +149,21 @@ def test_links_and_paths_lead_somewhere(page):
 # --- docstrings ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_examples_of_docstrings_give_what_they_show(name):
-    outcome = doctest.testmod(importlib.import_module(name))
-    assert outcome.failed == 0
+def test_examples_of_docstrings_give_what_they_show(subtests):
+    for name in MODULES:
+        with subtests.test(name):
+            outcome = doctest.testmod(importlib.import_module(name))
+            assert outcome.failed == 0
 
 
-@pytest.mark.parametrize("name", PACKAGES)
-def test_every_public_name_says_what_it_is(name):
-    package = importlib.import_module(name)
-    for public in package.__all__:
-        item = getattr(package, public)
-        if inspect.isclass(item) or inspect.isfunction(item):
-            # a dataclass without a docstring gets its own signature for one
-            assert not (item.__doc__ or f"{public}(").startswith(f"{public}("), f"{name}.{public}"
+def test_every_public_name_says_what_it_is():
+    for name in MODULES:
+        package = importlib.import_module(name)
+        for public in getattr(package, "__all__", ()):
+            item = getattr(package, public)
+            if inspect.isclass(item) or inspect.isfunction(item):
+                # a dataclass without a docstring gets its own signature for one
+                assert not (item.__doc__ or f"{public}(").startswith(f"{public}("), f"{name}.{public}"
 
 
 # --- what is listed is complete --------------------------------------------------------------------------------------
@@ -170,35 +177,27 @@ def shown_default(value: object) -> str:
     return f"`{value}`"
 
 
-@pytest.mark.parametrize("name", Settings.model_fields)
-def test_every_setting_is_listed_with_its_default(name):
-    default = shown_default(Settings.model_fields[name].default)
-    assert f"| `PRELOAD_{name.upper()}` | {default} | " in text_of("how-to/settings.md")
-
-
 @pytest.mark.parametrize(
     ("settings", "prefix", "page"),
-    [(MqttSettings, "PRELOAD_MQTT_", "how-to/mqtt.md"), (OpcuaSettings, "PRELOAD_OPCUA_", "how-to/opcua.md")],
+    [
+        (Settings, "PRELOAD_", "how-to/settings.md"),
+        (MqttSettings, "PRELOAD_MQTT_", "how-to/mqtt.md"),
+        (OpcuaSettings, "PRELOAD_OPCUA_", "how-to/opcua.md"),
+    ],
 )
-def test_every_setting_of_a_gateway_is_listed_with_its_default(settings, prefix, page):
+def test_every_setting_is_listed_with_its_default(settings, prefix, page):
     for name, field in settings.model_fields.items():
         assert f"| `{prefix}{name.upper()}` | {shown_default(field.default)} | " in text_of(page)
 
 
-@pytest.mark.parametrize("name", AxisConfiguration.model_fields)
-def test_every_item_of_an_axis_configuration_is_listed_with_its_default(name):
-    default = shown_default(AxisConfiguration.model_fields[name].default)
-    assert f"| `{name}` | {default} | " in text_of("how-to/settings.md")
+def test_every_item_of_an_axis_configuration_is_listed_with_its_default():
+    for name, field in AxisConfiguration.model_fields.items():
+        assert f"| `{name}` | {shown_default(field.default)} | " in text_of("how-to/settings.md")
 
 
-@pytest.mark.parametrize("name", RejectionReason)
-def test_every_reason_has_a_row(name):
-    assert name in first_cells(text_of("how-to/refusals.md"))
-
-
-@pytest.mark.parametrize("name", TrendStatus)
-def test_every_state_has_a_row(name):
-    assert name in first_cells(text_of("how-to/alarms.md"))
+def test_every_reason_and_every_state_has_a_row():
+    assert set(RejectionReason) <= first_cells(text_of("how-to/refusals.md"))
+    assert set(TrendStatus) <= first_cells(text_of("how-to/alarms.md"))
 
 
 def test_every_metric_is_listed():
@@ -208,7 +207,6 @@ def test_every_metric_is_listed():
     assert names <= first_cells(text_of("how-to/supervise.md"))
 
 
-@pytest.mark.slow
 def test_every_problem_and_every_route_is_listed():
     listed = first_cells(text_of("reference/http-api.md"))
     assert {name for _, _, name in STATUS_OF_ERROR} <= listed
@@ -251,7 +249,7 @@ def cells_of(text: str) -> str:
     return "".join(re.sub(r" ?\.\.\. ?", "...", line) + "\n" for line in lines)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("page", TOURS)
 def test_the_tour_answers_what_it_shows(tmp_path, page):
     if shutil.which("curl") is None:

@@ -5,8 +5,6 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 from tests.conftest import PROJECT_ROOT
 
 
@@ -14,7 +12,6 @@ def sources(*folders: str) -> list[Path]:
     return sorted(path for folder in folders for path in (PROJECT_ROOT / folder).rglob("*.py"))
 
 
-SOURCES = sources("monitor_core", "service")
 #: Turns of phrase that a reader stumbles over, each with the plain words to write.
 WORDS = {
     r"\b(tell|tells|told) (\w+ )?apart\b": "distinguish",
@@ -51,21 +48,19 @@ def strange_words(text: str) -> list[str]:
     return [f"{found.group()!r}: {plain}" for word, plain in WORDS.items() if (found := re.search(word, flat))]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PROJECT_ROOT)))
-def test_messages_and_module_docstrings_are_in_plain_words(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert not [(line, words) for line, text in messages(tree) if (words := strange_words(text))]
+def test_messages_and_module_docstrings_are_in_plain_words() -> None:
+    assert not [
+        f"{path.relative_to(PROJECT_ROOT)}:{line} {words}"
+        for path in sources("monitor_core", "service")
+        for line, text in messages(ast.parse(path.read_text(encoding="utf-8")))
+        if (words := strange_words(text))
+    ]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PROJECT_ROOT)))
-def test_a_variable_is_called_by_what_it_is(path: Path) -> None:
-    assert not lines_of_one(path)
-
-
-def test_variables_of_tests_and_benchmarks_are_called_by_what_they_are() -> None:
+def test_a_variable_is_called_by_what_it_is() -> None:
     assert not [
         f"{path.relative_to(PROJECT_ROOT)}:{line}"
-        for path in sources("tests", "benchmarks")
+        for path in sources("monitor_core", "service", "tests", "benchmarks")
         for line in lines_of_one(path)
     ]
 

@@ -7,7 +7,7 @@ import pytest
 from tests.conftest import PROJECT_ROOT
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_tutorial_of_the_library_answers_what_it_shows(monkeypatch):
     monkeypatch.chdir(PROJECT_ROOT)
     text = (PROJECT_ROOT / "docs/tutorial/library.md").read_text(encoding="utf-8")

@@ -98,7 +98,7 @@ def test_another_payload_needs_its_moving_mass(measurements, calibration) -> Non
     assert outcome.refusal.reason in (RejectionReason.OUTSIDE_CALIBRATION, RejectionReason.NO_PEAK_IN_BAND)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_preload_set_on_purpose_never_enters_the_charts(measurements, calibration) -> None:
     outcome = judge_measurement(measurements[0], SETTINGS, calibration)
     assert isinstance(outcome.preload, PreloadEstimate)
@@ -106,7 +106,7 @@ def test_a_preload_set_on_purpose_never_enters_the_charts(measurements, calibrat
     assert advance(AxisState(), outcome, at, calibration=calibration, design=charts()) == AxisState()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_false_alarms_of_the_whole_road_agree_with_the_design_rate() -> None:
     """A hundred axis-years of healthy frequencies at random places through calibration, estimate and charts.
 

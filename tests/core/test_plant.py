@@ -177,7 +177,7 @@ def knocked(rate):
     return motion.nut_acceleration[:: rate // RATE, 0, 0]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_half_the_step_gives_the_same_motion_with_friction():
     error = [np.std(knocked(rate) - knocked(8 * RATE)) / np.std(knocked(8 * RATE)) for rate in (RATE, 2 * RATE)]
     assert error[0] < 0.002
@@ -248,7 +248,7 @@ def test_measurements_become_windows_with_their_tags():
     assert first.position_trace.mean() == pytest.approx(0.3, abs=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_same_content_gives_the_same_bytes(tmp_path):
     scenario = replace(hidden(), measurements=hidden().measurements[:1])
     for name in ("a", "b"):
@@ -266,7 +266,7 @@ def test_bundled_sessions_are_complete_small_and_unchanged():
     assert sum(f.stat().st_size for f in sessions) < 25e6
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_bundled_hidden_session_is_what_the_plant_gives():
     h5py = pytest.importorskip("h5py")
     with h5py.File(PROJECT_ROOT / "replay_data" / "hidden.session.h5") as file:

@@ -132,7 +132,7 @@ def test_the_law_has_a_name_in_sentences() -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("machine", "design", "left_open"), [("bench", "usual", True), ("bench", "rich", True), ("gantry", "rich", False)]
 )
@@ -146,7 +146,7 @@ def test_a_cubic_stiffness_is_named_alone_where_three_levels_show_much_of_it(mac
     assert answer.outcome == (Outcome.EQUIVALENT if left_open else Outcome.NAMED)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_play_that_passes_for_a_cubic_stiffness_is_left_open() -> None:
     situation = Situation(machine=jittered(machine_named("mill"), np.random.default_rng(5)), design="usual")
     answer = answered(draw_case("outside:backlash", "large", 0.01, 31, situation=situation))
@@ -154,7 +154,7 @@ def test_a_play_that_passes_for_a_cubic_stiffness_is_left_open() -> None:
     assert all(AMPLITUDE_LAW in effect.equivalent_to for effect in answer.effects)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "seed"), [("medium", 199), ("large", 202)])
 def test_a_play_that_other_names_leave_nothing_of_is_described_where_its_law_explains_more(size, seed) -> None:
     """A cubic stiffness leaves no more than a healthy axis does; nothing is sought beside it, no record is wrong."""
@@ -167,7 +167,7 @@ def test_a_play_that_other_names_leave_nothing_of_is_described_where_its_law_exp
     assert [words for words in said if "screening" in words] == ["0 effects found, screening 43 more"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_law_that_explains_as_much_again_as_the_first_name_is_the_answer() -> None:
     """It leaves 1.12 floors, and a friction 1.7; further names beside that took two minutes, and came to nothing."""
     situation = ("receptance", "finite elements", "bench", "rich", "larger", "clipped")

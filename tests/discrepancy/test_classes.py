@@ -226,7 +226,7 @@ def test_interval_ends_where_no_axis_can_be() -> None:
     assert not inside.at_end
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_cover_what_they_promise() -> None:
     """95 ± 2 % over 450 draws of priors, settings and noise, three quantities each; chance alone does ± 1.2 %."""
     rng = np.random.default_rng(11)

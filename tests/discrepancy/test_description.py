@@ -55,7 +55,7 @@ def fitted_with(key, baseline, candidates):
     return fit(baseline.comparison, hypothesis, start, baseline.fitted)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_absorber_that_wanders_is_described_with_its_mass_and_frequency(tmp_path):
     """0.3 per metre about the middle of the screw; the law is written as an effect file and read back as it was."""
     case, answer, before = described("outside:wandering-absorber", "large", 41)
@@ -82,7 +82,7 @@ def test_what_looks_alike_is_known_by_its_other_place():
         assert hung_elsewhere(by_field[field]) is contacts_for(by_field[field]) is None
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_nut_that_softens_is_described_at_the_nut():
     _, answer, _ = described("outside:nut-softening", "large", 42)
     found = answer.described
@@ -90,7 +90,7 @@ def test_a_nut_that_softens_is_described_at_the_nut():
     assert found.parameters[found.law.parameters[0].name].interval_95[1] < 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_was_found_does_not_stand_in_the_way_of_a_law_of_the_axis_as_stated():
     """A nut that softens was taken for one whose stiffness is cubic; with both it would soften to nothing."""
     _, baseline, candidates, _ = stated("outside:nut-softening", "large", 42)
@@ -101,7 +101,7 @@ def test_what_was_found_does_not_stand_in_the_way_of_a_law_of_the_axis_as_stated
     assert [effect.key for effect in answer.fitted.hypothesis.effects] == [answer.described.effects[0].key]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_follows_the_excitation_by_a_law_of_its_own_is_asked_before_all_effects_are():
     """Beside a first effect that stands in its way; a preload that drifts is none."""
     _, baseline, candidates, _ = stated("outside:nut-softening", "large", 42)
@@ -114,7 +114,7 @@ def test_what_follows_the_excitation_by_a_law_of_its_own_is_asked_before_all_eff
     assert following_excitation(baseline, first, lambda _sentence: None) is None
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_preload_that_drifts_is_described_with_the_order_of_measurement():
     """The rigidity of the nut goes with the cube root of its preload."""
     case, answer, _ = described("outside:preload-drift", "large", 42)
@@ -124,7 +124,7 @@ def test_a_preload_that_drifts_is_described_with_the_order_of_measurement():
     assert low < (1.0 - lost) ** (1.0 / 3.0) - 1.0 < high
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_was_found_goes_where_a_law_leaves_nothing_of_it():
     """Warm settings came late, so a preload that drifts was taken for one that follows the temperature as well."""
     _, baseline, candidates, sizes = stated("outside:preload-drift", "large", 42)
@@ -134,7 +134,7 @@ def test_what_was_found_goes_where_a_law_leaves_nothing_of_it():
     assert answer.kept == frozenset() == answer.fitted.hypothesis.keys - {answer.described.effects[0].key}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("seed", [40, 43, 44])
 def test_a_coupling_that_cracks_is_described_with_how_much_it_yields_once_a_turn(seed):
     """Its compliance is up to so many times as large where the crack opens, and as stated half a turn on."""
@@ -148,7 +148,7 @@ def test_a_coupling_that_cracks_is_described_with_how_much_it_yields_once_a_turn
     assert next(held_out) > 2.0 * before.comparison.noise_floor > 2.0 * next(held_out) / 1.2
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("kind", "place", "size"),
     [("outside:rotor-absorber", "motor", "inertia_kg_m2"), ("outside:screw-end-absorber", "screw end", "mass_kg")],
@@ -166,7 +166,7 @@ def test_what_swings_at_a_port_is_described_with_its_size_and_frequency(tmp_path
     assert [again.key for again in read_effect_file(tmp_path / "mine.py")] == [each.key for each in found.effects]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("kind", "size", "seed", "place"),
     [
@@ -187,7 +187,7 @@ def test_what_was_named_for_swinging_on_the_table_is_sought_at_every_port(kind, 
     assert answer is None or (answer.fitted.cost < named.cost and answer.kept == frozenset())
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_screw_that_bends_is_described_with_where_its_modes_lie(tmp_path):
     """The plant has four modes of a beam on two supports, each with its slope at the nut; their shares are found."""
     case, answer, before = described("outside:screw-bending", "large", 41)
@@ -208,7 +208,7 @@ def test_a_screw_that_bends_is_described_with_where_its_modes_lie(tmp_path):
     assert "the screw bends under the force in the nut" in described_sentence(found)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_follows_no_law_is_said_to_be_there_and_no_more():
     """The nut has 0.7 to 1.4 of its stiffness at each setting, by lot: no law holds, and the values are found."""
     lots = {}

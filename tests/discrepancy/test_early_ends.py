@@ -30,7 +30,7 @@ def told_of(case):
     return explain_comparison(comparison, drive, drive.candidates(sizes), sizes=sizes, progress=said.append), said
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("kind", ["outside:screw-end-absorber", "outside:rotor-absorber"])
 def test_what_has_no_name_is_asked_for_after_the_first_effect(kind) -> None:
     answer, said = told(kind, 41)
@@ -38,7 +38,7 @@ def test_what_has_no_name_is_asked_for_after_the_first_effect(kind) -> None:
     assert not any(sentence.startswith("1 effect found") for sentence in said)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_has_no_name_and_explains_as_much_again_as_the_first_effect_is_asked_for_there_too() -> None:
     """Noise of 1 % leaves more of χ² than a tenth; further names beside an absorber on the nut took a minute."""
     situation = ("receptance", "transmission line", "bench", "rich", "assumed", "pink")
@@ -48,14 +48,14 @@ def test_what_has_no_name_and_explains_as_much_again_as_the_first_effect_is_aske
     assert not any(sentence.startswith("1 effect found") for sentence in said)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_of_a_pair_of_the_catalogue_the_search_goes_on() -> None:
     answer, said = told("added-mass+far-bearing-stiffness", 42)
     assert {effect.key for effect in answer.effects} == {"added-mass", "far-bearing-stiffness"}
     assert any(sentence.startswith("1 effect found") for sentence in said)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_without_a_wrong_record_what_was_described_is_fitted_anew_and_not_sought() -> None:
     answer, said = told("outside:screw-end-absorber", 43, WrongRecord("gain", 1))
     assert answer.outcome == "described"

@@ -72,7 +72,7 @@ def covered(found, value, times=1.5):
 # --- nothing, one, two -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_healthy_axis_lacks_nothing(seed) -> None:
     answer = explained(true_subject(seed), SECOND_HALF, seed=seed)
@@ -88,7 +88,7 @@ def far_bearing():
     return explained(with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}}), SECOND_HALF)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_far_bearing_is_named(far_bearing) -> None:
     """With an interval that holds its stiffness, and a gap that is gone where nothing was fitted."""
     assert far_bearing.outcome is Outcome.NAMED
@@ -106,7 +106,7 @@ def test_a_far_bearing_is_named(far_bearing) -> None:
     assert far_bearing.steps[-1].gap == gap.after
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_a_tolerance_has_taken_up_is_found_in_its_place() -> None:
     """Compliance in series with bracket and bearing is the same compliance of either: one finding, by both names."""
     answer = explained(with_hidden({"series-compliance": {"compliance_m_per_n": 9e-8}}), SECOND_HALF)
@@ -147,7 +147,7 @@ def test_a_model_without_an_answer_at_the_settings_as_stated_is_left_out_of_the_
     assert [panel.title for panel in answer.panels] == ["before"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_augmented_model_is_the_axis(far_bearing) -> None:
     """The description, moved by the ratios and with what was added, is as the true axis is."""
     described = replace(
@@ -162,7 +162,7 @@ def test_the_augmented_model_is_the_axis(far_bearing) -> None:
     assert np.sqrt(np.mean((found.misfit(truth) - true.misfit(truth)) ** 2)) < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_misfit_is_located_before_and_gone_after(far_bearing) -> None:
     assert far_bearing.localisation
     assert far_bearing.remainder == ()
@@ -172,7 +172,7 @@ def test_the_misfit_is_located_before_and_gone_after(far_bearing) -> None:
         assert np.nanmax(misfit_map.after) < 2.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_misfit_is_located_where_the_effect_acts() -> None:
     """A weak far bearing is a stiffness, and is felt where the table is far from the fixed one."""
     answer = explained(with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 1e6}}), SECOND_HALF)
@@ -183,7 +183,7 @@ def test_a_misfit_is_located_where_the_effect_acts() -> None:
     assert "868.3" in first.where
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_pictures_show_both_models(far_bearing) -> None:
     assert len(far_bearing.panels) == len(SECOND_HALF)
     for panel in far_bearing.panels:
@@ -194,13 +194,13 @@ def test_pictures_show_both_models(far_bearing) -> None:
         assert before > after
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_pulls_are_those_of_a_healthy_axis(far_bearing) -> None:
     assert set(far_bearing.pulls) == {"position", "preload", "gain 1", *TOLERANCES}
     assert max(abs(pull) for pull in far_bearing.pulls.values()) < 3.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
     """No payload, temperature and level were varied; a rotor that is not part of the path moves nothing."""
     reasons = {candidate.key: candidate.untestable_because for candidate in far_bearing.candidates}
@@ -215,7 +215,7 @@ def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
     assert 0.0 < limits["torque-delay"] < 5e-3
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_two_effects_are_both_named() -> None:
     answer = explained(
         with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}, "torque-delay": {"delay_s": 5e-5}}),
@@ -231,7 +231,7 @@ def test_two_effects_are_both_named() -> None:
         assert {name: parameter.estimate.value for name, parameter in parameters.items()} == answer.added[key]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_wrong_parameter_is_named_and_moves_its_ratio() -> None:
     """A bracket of twice the stated stiffness, fourteen of its tolerances off: no compliance more makes it stiffer."""
     described = DescribedDrive(AXIS, {"bracket_stiffness_n_per_m": 0.05, "loss_factor": 0.3}, {})
@@ -246,7 +246,7 @@ def test_a_wrong_parameter_is_named_and_moves_its_ratio() -> None:
 # --- what is not to be believed --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_effect_beyond_its_plausible_range_is_a_stand_in() -> None:
     """Were far bearings softer than 10 N/µm, one of 30 N/µm would stand for something that nobody has thought of."""
     far = EFFECTS["far-bearing-stiffness"]
@@ -295,7 +295,7 @@ def test_what_the_catalogue_lacks_stays_unknown() -> None:
     assert answer.gap.after.fit > 2.0 * answer.gap.noise_floor
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_effect_of_a_users_own_is_named(tmp_path) -> None:
     """The same axis, with a file that has what the catalogue lacks."""
     (tmp_path / "mine.py").write_text(dedent(WIPERS), encoding="utf-8")
@@ -372,7 +372,7 @@ def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() 
     assert [step.effect for step in answer.steps] == ["quantity-0"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("apart", [0.1, 0.15, 0.2])
 def test_what_would_do_in_the_place_of_another_is_not_said_to_be_left_out(apart) -> None:
     """Of two look-alikes one is left out beside a third effect; it then may stand for the other."""

@@ -81,7 +81,7 @@ def answered(kind, size, design, seed, *keys):
     return explain_comparison(comparison, subject, [EFFECTS[key] for key in keys])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_healthy_machine_lacks_nothing_and_what_is_not_seen_is_listed() -> None:
     design = replace(plain_design(), settings=plain_design().settings[1::3])
     answer = answered("none", "medium", design, 1, "added-mass", "payload-mass", "second-mode")
@@ -92,7 +92,7 @@ def test_a_healthy_machine_lacks_nothing_and_what_is_not_seen_is_listed() -> Non
     assert "known added mass" in answer.next_measurement
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_mode_that_stays_where_it_is_may_be_none_of_the_drive() -> None:
     """A rotor on the spring of its servo makes one as low as that of the base, and a frequency does not tell them."""
     design = replace(plain_design(), settings=plain_design().settings[1::3])
@@ -108,7 +108,7 @@ def test_a_mode_that_stays_where_it_is_may_be_none_of_the_drive() -> None:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_mode_that_moves_with_the_table_is_of_the_drive() -> None:
     """A bearing many times too soft leaves no mode near to those measured, but position and preload move them."""
     design = replace(plain_design(), settings=plain_design().settings[1::3])
@@ -117,7 +117,7 @@ def test_a_mode_that_moves_with_the_table_is_of_the_drive() -> None:
     assert not {"base-compliance", "second-mode"} & set(answer.effects[0].equivalent_to)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_mass_from_three_positions_is_one_of_several_and_a_known_mass_would_decide() -> None:
     design = replace(short_design(), settings=short_design().settings[::3])
     keys = ("added-mass", "screw-axial-stiffness", "far-bearing-stiffness")

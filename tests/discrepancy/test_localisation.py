@@ -188,7 +188,7 @@ WHITE = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("layout", "rows"), WHITE)
 def test_noise_is_localised_at_most_as_often_as_stated(layout, rows):
     rng = np.random.default_rng(11)
@@ -202,7 +202,7 @@ def correlated(rng, correlation, deviation):
     return deviation * lfilter([1.0], [1.0, -correlation], noise, axis=1).ravel()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_correlated_noise_is_localised_at_most_as_often_as_stated_where_the_correlation_is_stated():
     rng, scatter = np.random.default_rng(12), HealthyScatter(correlation=0.5, deviation=1.3)
     false = sum(bool(localise(RESPONSES, correlated(rng, 0.5, 1.3), SIGNATURES, scatter)) for _ in range(N_DRAWS))
@@ -214,7 +214,7 @@ def test_correlation_that_is_not_stated_is_found():
     assert all(localise(RESPONSES, correlated(rng, 0.3, 1.0), {}) for _ in range(20))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_each_test_holds_its_level():
     rng = np.random.default_rng(14)
     previous, everything = previous_in_series(RESPONSES), np.ones(RESPONSES.n_values, dtype=np.bool_)
@@ -266,7 +266,7 @@ PLANTED = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("kind", "hidden"), PLANTED.values(), ids=PLANTED.keys())
 def test_the_worst_place_is_of_the_kind_that_was_planted(kind, hidden):
     planted = misfit(**hidden)
@@ -276,7 +276,7 @@ def test_the_worst_place_is_of_the_kind_that_was_planted(kind, hidden):
 SMALL = {STIFFNESS: ("stiffer", 1.0, 0.001), MASS: ("mass", 0.0, 0.02), DAMPING: ("damping", 0.0, 20.0)}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("kind", SMALL)
 def test_a_misfit_that_can_just_be_seen_has_no_wrong_kind_and_one_three_times_as_large_has_its_own(kind):
     """A tenth of a standard deviation on the whole: fewer than half a dozen values of 2880 stand out by themselves."""
@@ -327,7 +327,7 @@ PLACES = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("where", "hidden", "conditions"), PLACES.values(), ids=PLACES.keys())
 def test_the_place_is_where_the_misfit_was_planted(where, hidden, conditions):
     """The conditions that were meant and no others, and a band about the modes that the axis has there."""

@@ -180,7 +180,7 @@ def test_many_looks_at_settings_that_scatter_find_no_more_than_one() -> None:
     assert 0 < follow <= 7  # of a thousandth: one in a thousand such tests finds more
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("number", "noise", "disturbance"), [(276, 0.01, "loop"), (362, 0.003, "clean")])
 def test_a_healthy_axis_whose_settings_scatter_twice_as_much_as_stated_has_nothing_missing(
     number, noise, disturbance

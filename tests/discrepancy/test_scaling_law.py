@@ -165,7 +165,7 @@ def few_tried():
     return answered("payload-mass", AS_IT_IS, FEW)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("key", "scale"),
     [("thermal-preload", "large"), ("torque-delay", "fifty"), ("payload-mass", "small"), ("added-mass", "fifty")],
@@ -180,7 +180,7 @@ def test_a_scaled_machine_gets_the_same_answer_among_all(key, scale) -> None:
         assert (limit is None) == (expected[other] is None), other
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("scale", ["large", "small"])
 def test_a_scaled_modal_table_gets_the_same_answer(scale) -> None:
     """A second bearing at the far end, from natural frequencies alone."""
@@ -252,13 +252,13 @@ def assert_force_scales(record, times):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_fifty_times_the_force_and_mass_have_the_same_effects() -> None:
     found = assert_force_scales(simulated_record(RESISTING), 50.0)
     assert sorted(effect.key for effect in found.effects) == sorted(OF_THE_EMPS)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_emps_at_fifty_times_its_force_has_its_four_effects(measured_data) -> None:
     """4.75 t: three of the four were called implausible while ranges were those of 95 kg."""
     found = assert_force_scales(emps_record(measured_data), 50.0)
@@ -266,7 +266,7 @@ def test_the_emps_at_fifty_times_its_force_has_its_four_effects(measured_data) -
     assert found.gap.after.held_out < 2.4
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_emps_without_its_reference_has_the_same_effects(measured_data) -> None:
     record = emps_record(measured_data)
     usual, found = motion_answer(record, 1.0), motion_answer(replace(record, reference=None), 1.0)
@@ -275,7 +275,7 @@ def test_the_emps_without_its_reference_has_the_same_effects(measured_data) -> N
     assert max(usual.gap.after.held_out, found.gap.after.held_out) < 2.4
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_emps_with_a_mass_hung_on_it_has_the_same_effects(measured_data) -> None:
     """The force that 92 kg need besides: at the acceleration that was measured, below 60 Hz."""
     record = emps_record(measured_data)
@@ -296,7 +296,7 @@ def test_the_emps_with_a_mass_hung_on_it_has_the_same_effects(measured_data) -> 
         assert size == pytest.approx(before, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("tolerance", [0.05, 0.3, 0.5])
 def test_the_emps_in_volts_is_in_another_unit(measured_data, tolerance) -> None:
     """However well mass and friction are known: 35 times too small is no wrong scale of a force."""

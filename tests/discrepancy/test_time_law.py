@@ -24,7 +24,7 @@ from tests.hidden_effects.situations import Situation
 PERIODIC = effects_by_key()["periodic-preload"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("truth", "left_open"), [("outside:preload-drift", True), ("periodic-preload", False)])
 def test_a_drift_does_as_well_where_it_is_the_truth(truth, left_open) -> None:
     """The truth is of finite elements; a law of time is held against a periodic preload."""
@@ -40,7 +40,7 @@ def test_a_drift_does_as_well_where_it_is_the_truth(truth, left_open) -> None:
     assert said[0] == "asking whether it changes with time"
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("number", "size", "noise", "plant", "machine", "disturbance", "seed"),
     [

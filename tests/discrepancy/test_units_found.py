@@ -10,7 +10,7 @@ from tests.discrepancy.test_explain import EFFECTS, explained, few, keys, with_h
 WITH_UNIT = [*few(), EFFECTS["unit"]]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_response_in_g_is_named_with_its_unit() -> None:
     answer = explained(with_hidden({"unit": {"ln_factor": -math.log(9.80665)}}), candidates=WITH_UNIT)
     assert answer.outcome is Outcome.NAMED
@@ -20,7 +20,7 @@ def test_a_response_in_g_is_named_with_its_unit() -> None:
     assert any("as by g" in remark for remark in found.remarks)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_response_that_is_ten_per_cent_off_is_in_no_other_unit() -> None:
     answer = explained(with_hidden({"unit": {"ln_factor": math.log(1.1)}}), candidates=WITH_UNIT)
     assert "unit" not in keys(answer)

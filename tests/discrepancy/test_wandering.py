@@ -58,7 +58,7 @@ def test_one_that_stays_does_not_wander():
     assert found.lowest == found.highest == pytest.approx(truth["frequency_hz"], rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_small_one_that_wanders_gets_no_name_though_nothing_is_left():
     """One of 7 g on 4 kg was called an absorber of the table, with a ΔBIC of 119; that of its frequency is 3481."""
     situation = ("receptance", "transmission line", "mini", "rich", "uniform", "clean")

@@ -53,7 +53,7 @@ def answered(observations, *keys, **options):
     return explain_comparison(compared(observations, **options), subject(), candidates)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_wrong_position_is_named_with_the_record_and_how_far_it_is_off() -> None:
     observations = spoilt(measured(true_subject(), CONDITIONS), position=0.4762 + 0.049)
     (record,) = answered(observations, "added-mass").records
@@ -103,7 +103,7 @@ def test_a_record_of_another_axis_is_an_outlier_that_no_tag_explains() -> None:
     assert np.isnan(record.found)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_hidden_effect_beside_a_wrong_record_is_found_as_without_it() -> None:
     far = effects_by_key()["far-bearing-stiffness"].added_to(true_subject(), {"stiffness_n_per_m": 6e7})
     observations = spoilt(measured(far, CONDITIONS), payload_mass=5.0)
@@ -146,7 +146,7 @@ def test_a_level_is_not_taken_out_record_by_record() -> None:
     assert worst_record(fitted, comparison, half, right=others) is None
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_of_healthy_machines_no_record_is_named() -> None:
     named = [
         cleared(compared(measured(true_subject(seed), CONDITIONS, seed=seed)), subject(), lambda _: None).wrong
@@ -180,7 +180,7 @@ def fits_with_and_without(observations, key):
     return comparison, min(fits, key=lambda fitted: fitted.cost), without
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_record_that_an_effect_was_found_for_is_wrong_where_the_others_do_not_ask_for_it() -> None:
     """A preload that varies along the screw takes up much of what one wrong preload does to a fit."""
     observations = measured(true_subject(), CONDITIONS)
@@ -195,7 +195,7 @@ def test_the_record_that_an_effect_was_found_for_is_wrong_where_the_others_do_no
     assert found_for(fitted, without, comparison, frozenset({0})) is None  # which is right
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_effect_that_all_records_ask_for_was_found_for_none_of_them() -> None:
     varying = effects_by_key()["periodic-preload"].added_to(
         true_subject(), {"cosine_amplitude": 0.2, "sine_amplitude": 0.15}
@@ -205,7 +205,7 @@ def test_an_effect_that_all_records_ask_for_was_found_for_none_of_them() -> None
     assert found_for(fitted, without, comparison, frozenset()) is None
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_record_whose_effect_explains_it_wholly_is_right() -> None:
     """One record with a payload that weighs more than is stated: its tag, or what all payloads would weigh."""
     one_payload = [*settings(), replace(CONDITIONS[0], payload_mass=6.0)]
@@ -262,14 +262,14 @@ def measured_at_both_ends(physics):
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_of_two_records_that_were_warm_neither_is_wrong() -> None:
     answer = answered(measured_at_both_ends(softening_axis()), *THERMAL)
     assert answer.records == ()
     assert [effect.key for effect in answer.effects] == ["thermal-stiffness"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_warm_record_with_a_wrong_preload_is_no_preload_that_follows_temperature() -> None:
     """The effect would need another record to be wrong as well, and explains no more."""
     observations, wrong = measured_at_both_ends(true_subject()), len(WARM) - 1

@@ -81,12 +81,7 @@ def effects_of(parameters):
     return sized_for(applicable_effects(axis, DRIVE_EFFECTS), sizes_of_drive(axis, seen))
 
 
-PAIRS = [
-    pytest.param(name, effect, id=f"{effect.key}-{name}")
-    for name, parameters in AXES.items()
-    for effect in effects_of(parameters)
-]
-every_effect = pytest.mark.parametrize(("name", "effect"), PAIRS)
+PAIRS = [(name, effect) for name, parameters in AXES.items() for effect in effects_of(parameters)]
 
 
 def lines_of(parameters, **changes):
@@ -144,36 +139,39 @@ def test_an_axis_has_each_key_once(name) -> None:
     assert ("thermal-preload" in absent) == (AXES[name].dynamic_load_rating is None)
 
 
-@pytest.mark.parametrize("effect", DRIVE_EFFECTS, ids=lambda effect: effect.key)
-def test_every_effect_says_what_it_is(effect) -> None:
-    assert effect.name
-    assert effect.physics.endswith(".")
-    assert effect.source
-    for parameter in effect.parameters:
-        assert parameter.unit == "-" or parameter.name.endswith(ENDINGS[parameter.unit])
+def test_every_effect_says_what_it_is(subtests: pytest.Subtests) -> None:
+    for effect in DRIVE_EFFECTS:
+        with subtests.test(effect.key):
+            assert effect.name
+            assert effect.physics.endswith(".")
+            assert effect.source
+            for parameter in effect.parameters:
+                assert parameter.unit == "-" or parameter.name.endswith(ENDINGS[parameter.unit])
 
 
 # --- null values and others ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@every_effect
-def test_nothing_changes_at_null_values(name, effect) -> None:
-    parameters, axis = AXES[name], physics_of(AXES[name])
-    null = effect.added_to(axis, effect.null_values())
-    lines, conditions = lines_of(parameters), conditions_of(parameters)
-    np.testing.assert_array_equal(responses(null, lines), responses(axis, lines))
-    np.testing.assert_array_equal(frequencies(null, conditions), frequencies(axis, conditions))
+def test_nothing_changes_at_null_values(subtests) -> None:
+    for name, parameters in AXES.items():
+        axis, lines, conditions = physics_of(parameters), lines_of(parameters), conditions_of(parameters)
+        expected = responses(axis, lines), frequencies(axis, conditions)
+        for effect in effects_of(parameters):
+            with subtests.test(f"{effect.key}, {name}"):
+                null = effect.added_to(axis, effect.null_values())
+                np.testing.assert_array_equal(responses(null, lines), expected[0])
+                np.testing.assert_array_equal(frequencies(null, conditions), expected[1])
 
 
-@every_effect
-def test_every_parameter_moves_a_prediction(name, effect) -> None:
-    axis, lines = physics_of(AXES[name]), lines_of(AXES[name])
-    values = strong_values(effect)
-    strong = responses(effect.added_to(axis, values), lines)
-    for parameter in effect.parameters:
-        without = responses(effect.added_to(axis, values | {parameter.name: parameter.null}), lines)
-        assert moved(without, strong) > 1e-4
+def test_every_parameter_moves_a_prediction(subtests) -> None:
+    for name, effect in PAIRS:
+        with subtests.test(f"{effect.key}, {name}"):
+            axis, lines = physics_of(AXES[name]), lines_of(AXES[name])
+            values = strong_values(effect)
+            strong = responses(effect.added_to(axis, values), lines)
+            for parameter in effect.parameters:
+                without = responses(effect.added_to(axis, values | {parameter.name: parameter.null}), lines)
+                assert moved(without, strong) > 1e-4
 
 
 #: Conditions under which what an effect needs does not vary, and is null.
@@ -184,38 +182,38 @@ STILL = {
 }
 
 
-@pytest.mark.slow
-@every_effect
-def test_nothing_is_seen_without_what_it_needs(name, effect) -> None:
-    parameters, axis = AXES[name], physics_of(AXES[name])
-    strong = effect.added_to(axis, strong_values(effect))
-    for needed in effect.needs & set(STILL):
-        lines = lines_of(parameters, **STILL[needed])
-        np.testing.assert_array_equal(responses(strong, lines), responses(axis, lines))
-    # a base moves frequencies, but by as much as a softer bearing would: only its own resonance tells it
-    # (and what hangs on table or nut is one more mode, and moves those about it)
-    moving = {"base-compliance", "loss-factor", "table-absorber", "nut-absorber"}
-    if ConditionAxis.FREQUENCY in effect.needs and effect.key not in moving:
-        conditions = conditions_of(parameters)
-        np.testing.assert_allclose(frequencies(strong, conditions), frequencies(axis, conditions), rtol=1e-3)
+def test_nothing_is_seen_without_what_it_needs(subtests) -> None:
+    for name, effect in PAIRS:
+        with subtests.test(f"{effect.key}, {name}"):
+            parameters, axis = AXES[name], physics_of(AXES[name])
+            strong = effect.added_to(axis, strong_values(effect))
+            for needed in effect.needs & set(STILL):
+                lines = lines_of(parameters, **STILL[needed])
+                np.testing.assert_array_equal(responses(strong, lines), responses(axis, lines))
+            # a base moves frequencies, but by as much as a softer bearing would: only its own resonance tells it
+            # (and what hangs on table or nut is one more mode, and moves those about it)
+            moving = {"base-compliance", "loss-factor", "table-absorber", "nut-absorber"}
+            if ConditionAxis.FREQUENCY in effect.needs and effect.key not in moving:
+                conditions = conditions_of(parameters)
+                np.testing.assert_allclose(frequencies(strong, conditions), frequencies(axis, conditions), rtol=1e-3)
 
 
-@pytest.mark.slow
-@every_effect
-def test_it_is_smooth_where_it_is_absent(name, effect) -> None:
+def test_it_is_smooth_where_it_is_absent(subtests) -> None:
     """A search starts at null: half the step makes half the change, so that the slope there is finite."""
-    axis, lines, null = physics_of(AXES[name]), lines_of(AXES[name]), effect.null_values()
-    base = responses(axis, lines)
-    steps = {parameter.name: 1e-4 * parameter.scale for parameter in effect.parameters}
-    whole, half = (
-        [
-            responses(effect.added_to(axis, null | {key: null[key] + share * step}), lines) / base - 1.0
-            for key, step in steps.items()
-        ]
-        for share in (1.0, 0.5)
-    )
-    assert np.max(np.abs(whole)) > 0.0
-    np.testing.assert_allclose(2.0 * np.array(half), whole, rtol=0.0, atol=0.01 * np.max(np.abs(whole)))
+    for name, effect in PAIRS:
+        with subtests.test(f"{effect.key}, {name}"):
+            axis, lines, null = physics_of(AXES[name]), lines_of(AXES[name]), effect.null_values()
+            base = responses(axis, lines)
+            steps = {parameter.name: 1e-4 * parameter.scale for parameter in effect.parameters}
+            whole, half = (
+                [
+                    responses(effect.added_to(axis, null | {key: null[key] + share * step}), lines) / base - 1.0
+                    for key, step in steps.items()
+                ]
+                for share in (1.0, 0.5)
+            )
+            assert np.max(np.abs(whole)) > 0.0
+            np.testing.assert_allclose(2.0 * np.array(half), whole, rtol=0.0, atol=0.01 * np.max(np.abs(whole)))
 
 
 # --- composition -----------------------------------------------------------------------------------------------------

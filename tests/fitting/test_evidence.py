@@ -78,7 +78,7 @@ def test_values_of_an_autoregression_are_worth_their_share(correlation) -> None:
     assert 1.0 / variance_of_mean == pytest.approx(n * share, rel=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_series_end_with_their_setting() -> None:
     """Settings that follow one another are not neighbours, nor are values with a held-out one between them."""
     rng = np.random.default_rng(2)
@@ -151,7 +151,7 @@ def test_a_constant_in_correlated_noise_is_rarely_claimed() -> None:
     assert naively > 0.15 * 200
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_parameters_within_tolerances_do_not_swell_the_scale() -> None:
     """As many tolerances as two thirds of the values: the mean of s² over draws is still the noise's, here 4."""
     rng = np.random.default_rng(9)

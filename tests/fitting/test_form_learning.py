@@ -33,7 +33,7 @@ def machine(seed, size=1.0, *, common=False):
     ], subject()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("common", [False, True])
 def test_a_planted_spectrum_is_recovered(common) -> None:
     """Within 20 %: 160 values and more in each of twelve bands know it to 6 %."""

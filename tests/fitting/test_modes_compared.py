@@ -339,7 +339,7 @@ PUBLISHED = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("what", PUBLISHED)
 def test_gaps_of_nguyen(table, what) -> None:
     """From Table 1 as printed, bracket stiffness 2.1E7 N/m, to Table 2."""

@@ -103,7 +103,7 @@ def test_floor_of_the_emps_is_its_repeatability_from_lap_to_lap(emps) -> None:
     assert emps.noise_floor == pytest.approx(0.645, abs=0.005)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_effects_of_the_emps_come_one_after_the_other(emps) -> None:
     """By the gap on the fitted half; the last step that helps the held-out half by a fiftieth is the Stribeck one."""
     (held_out,) = emps.layout.held_out

@@ -247,7 +247,7 @@ FOUND = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("family", FOUND)
 def test_joints_come_back_from_frequencies(family):
     drive = FreeParameters(family, shipped(family), FOUND[family])
@@ -279,7 +279,7 @@ def test_joints_come_back_from_responses(family):
 # --- what is known beforehand
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_cover_as_often_as_they_say_with_a_prior():
     # bearing and bracket are one spring to the frequencies; their priors part them
     free, share = (BEARING, BRACKET, NUT), {BEARING: 0.2, BRACKET: 0.3, NUT: 0.25}

@@ -46,7 +46,7 @@ def weighted():
 # --- the paper's claim
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_three_positions_predict_the_other_three(weighted):
     # paper: 2.95 %, order 4 at l6. Order 1 is printed in whole hertz: 24, 24, 23 Hz are learned, 23 Hz is asked for.
     errors = held_out_errors(weighted.best.coordinates.values)
@@ -55,7 +55,7 @@ def test_three_positions_predict_the_other_three(weighted):
     assert max(errors, key=lambda mode: errors[mode] if mode > 1 else 0.0) == 4
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_first_order_is_off_by_what_its_rounding_makes_of_three_numbers(weighted):
     learned = np.array([24.0, 24.0, 23.0])
     mean = np.sum(1 / learned) / np.sum(1 / learned**2)  # least squares of the relative errors of a constant
@@ -63,14 +63,14 @@ def test_first_order_is_off_by_what_its_rounding_makes_of_three_numbers(weighted
     np.testing.assert_allclose(predicted, mean, atol=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_stiffness_that_the_peaks_determine(weighted):
     joints = 10.0**weighted.best.coordinates.values
     assert 6.0e8 < joints[2] < 7.5e8
     assert 7.0e7 < joints[0] + joints[1] < 7.7e7
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_the_peaks_do_not_determine(weighted):
     judged = assess(published("l1", "l3", "l5"), BOUNDS, weighted.best)
     verdict = {coordinate.name: coordinate.verdict for coordinate in judged.coordinates}
@@ -82,7 +82,7 @@ def test_what_the_peaks_do_not_determine(weighted):
     assert judged.unseen[0].describe() == "nut_damping_ns_per_m alone"
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_equation_26_lets_the_amplitudes_decide(weighted):
     unit = published("l1", "l3", "l5", weighting=Weighting.UNIT)
     found = search(unit, BOUNDS, 1, SearchSettings(n_populations=1, n_generations=50, n_random_starts=6)).best
@@ -90,7 +90,7 @@ def test_equation_26_lets_the_amplitudes_decide(weighted):
     assert paper_objective(unit, found.coordinates.values) < paper_objective(unit, weighted.best.coordinates.values)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("position", ["l3", "l5"])
 def test_one_position_predicts_the_others_badly(position):
     settings = SearchSettings(n_populations=2, candidates_per_coordinate=8, n_generations=50, n_random_starts=0)
@@ -98,7 +98,7 @@ def test_one_position_predicts_the_others_badly(position):
     assert 8.0 < max(held_out_errors(found.coordinates.values).values()) < 11.5
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_fitted_joints_assign_the_peaks_as_the_paper_does(weighted):
     table = tian.measured(*tian.POSITIONS)
     found = assign_modes(JOINTS.record(weighted.best.coordinates.values), table)
@@ -144,7 +144,7 @@ def finely(parameters, conditions, band, step):
     return frequency[k] + offset * step, np.exp(top - 0.25 * (below - above) * offset)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_peaks_are_those_of_a_grid_a_thousand_times_finer():
     rng = np.random.default_rng(2)
     n_found = 0

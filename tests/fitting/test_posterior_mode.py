@@ -87,7 +87,7 @@ def integrated_mode(comparison):
     return float(np.hypot(*minimize(lambda amplitudes: -likelihood(*amplitudes), [1.0, 0.0], method="Nelder-Mead").x))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_sizes_are_those_of_the_integrated_likelihood() -> None:
     """Least squares make the wave too large, by a twelfth; reference and mode agree to half a hundredth."""
     by_fit, by_mode, integrated = [], [], []
@@ -103,7 +103,7 @@ def test_sizes_are_those_of_the_integrated_likelihood() -> None:
     assert by_mode_off < 0.4 * by_fit_off
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_of_sizes_cover_where_the_errors_of_the_settings_depend_on_them() -> None:
     """At least 90 % of the true amplitude and phase in 100 tests."""
     covered = []

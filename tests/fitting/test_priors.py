@@ -75,7 +75,7 @@ def test_prior_of_one_coordinate_reaches_the_other_through_their_sum() -> None:
     assert fit.degrees_of_freedom == 3  # four readings and one prior, two coordinates
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_of_a_fit_with_a_prior_cover() -> None:
     rng = np.random.default_rng(11)
     n, inside = 2000, np.zeros(2)

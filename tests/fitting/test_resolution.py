@@ -24,7 +24,7 @@ def hann_power(offset, resolution):
     return np.array([np.sinc(turn) / (1.0 - turn**2) if abs(abs(turn) - 1.0) > 1e-9 else 0.5 for turn in turns]) ** 2
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("resolution", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("point", [ACCELERATION, ANGLE])
 def test_it_is_the_response_averaged_over_the_spectrum_of_the_window(point, resolution) -> None:
@@ -42,7 +42,7 @@ def test_it_is_the_response_averaged_over_the_spectrum_of_the_window(point, reso
     np.testing.assert_allclose(found, expected, atol=0.03 * np.max(np.abs(expected)))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_it_is_what_the_average_over_hann_windows_shows() -> None:
     """Of an oscillator under white noise, 3 % damped at 30 Hz, in windows of 1 s: its peak is a fifth lower."""
     rate, frequency, damping = 512.0, 30.0, 0.03

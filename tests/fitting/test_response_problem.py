@@ -38,28 +38,28 @@ def fits(exact):
     return [fit_local(response_problem(JOINTS, simulated.noisy(exact, rng)), WIDE, TRUTH) for _ in range(60)]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_nut_stiffness_comes_back_within_half_a_percent(fits):
     errors = np.array([fit.coordinates.values[NUT] - TRUTH[NUT] for fit in fits]) * np.log(10)
     assert np.max(np.abs(errors)) < 0.005
     assert np.abs(errors.mean()) < 4 * errors.std() / np.sqrt(len(fits))  # no bias beside the scatter
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_cover_as_often_as_they_say(fits):
     inside = [np.abs(fit.coordinates.values - TRUTH) <= 1.96 * fit.coordinates.standard_uncertainties for fit in fits]
     # 480 intervals of 95 %: 92 to 98 % is 3 standard deviations of the binomial, were they independent
     assert 0.92 < np.mean(inside) < 0.98
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_residuals_are_as_large_as_the_noise(fits):
     n = fits[0].degrees_of_freedom
     chi_squared = np.array([fit.chi_squared for fit in fits]) / n
     assert chi_squared.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / n / len(fits)))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_wide_random_starts_agree(exact):
     problem = response_problem(JOINTS, simulated.noisy(exact, np.random.default_rng(1)))
     found = search(
@@ -72,7 +72,7 @@ def test_wide_random_starts_agree(exact):
     assert np.all(shift < final.coordinates.standard_uncertainties)  # the same optimum but for the second order
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_peaks_of_the_same_data_know_ten_times_less(exact, fits):
     bands, rng = tian.BANDS, np.random.default_rng(3)
     modes = peak_problem(JOINTS, tian.as_labelled(tian.measured("l1", "l3", "l5")), bands=bands).predict(TRUTH)
@@ -123,7 +123,7 @@ def test_at_its_own_joints_a_response_leaves_nothing():
             assert np.max(np.abs(ResponseProblem(JOINTS, (observation,), form).residuals(TRUTH))) < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_both_forms_are_one_near_the_truth(exact):
     rng = np.random.default_rng(4)
     observations = simulated.noisy(exact, rng, noise=1e-4)

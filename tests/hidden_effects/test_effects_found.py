@@ -33,7 +33,7 @@ def explained(kind, size, plant, seed):
     return case, answered(case)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("kind", FOUND)
 def test_a_large_effect_is_named_with_its_size_and_nothing_is_wrong(kind) -> None:
     plant, tolerance = FOUND[kind]
@@ -47,7 +47,7 @@ def test_a_large_effect_is_named_with_its_size_and_nothing_is_wrong(kind) -> Non
         assert effect.parameters[name].estimate.value == pytest.approx(value, rel=tolerance), name
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_mode_that_took_the_place_of_another_resonance_goes_back_to_its_own() -> None:
     """Alone it does most at 485 Hz, in the place of the sensor's mounting; beside that it is where it truly is."""
     seed = 163043936
@@ -62,7 +62,7 @@ def test_a_mode_that_took_the_place_of_another_resonance_goes_back_to_its_own() 
     assert mode.parameters["frequency_hz"].estimate.value == pytest.approx(193.4, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("plant", [finite_elements, transmission_line], ids=["elements", "waves"])
 def test_a_healthy_machine_lacks_none_of_them(plant) -> None:
     """Its screw loses a little, as all do: 0.002 at 500 Hz, or 0.001, which is seen and is no finding."""

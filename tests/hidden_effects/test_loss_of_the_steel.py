@@ -68,7 +68,7 @@ def steel_loses(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, name, share * getattr(module, name))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize(("kind", "sizes", "offset"), [(LOSS, (0.006, 0.03), 3e-4), (FAR, (1.6e6, 3e6), 1e5)])
 def test_an_offset_of_the_effect_is_the_loss_of_the_steel(monkeypatch, plant, kind, sizes, offset) -> None:
@@ -81,7 +81,7 @@ def test_an_offset_of_the_effect_is_the_loss_of_the_steel(monkeypatch, plant, ki
     assert abs(found(kind, sizes[0], plant) - sizes[0]) < 0.03 * abs(offsets[0])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("kind", "size"), [(LOSS, 0.006), (FAR, 1.6e6)])
 def test_the_offset_goes_where_the_loss_of_the_screw_is_fitted_beside(kind, size) -> None:
     """On the plant whose steel loses by the law of the effect; of another law the loss factor is then too large."""

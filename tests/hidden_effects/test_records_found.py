@@ -17,7 +17,7 @@ def explained(kind, wrong, plant, seed, machine=BENCH):
     return case, answered(case)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("plant", [finite_elements, transmission_line], ids=["elements", "waves"])
 def test_of_two_warm_records_the_one_that_was_cold_is_named_and_the_effect_is_found_in_the_other(plant) -> None:
     case, answer = explained("thermal-stiffness", ("temperature-tag", 1), plant, 610)
@@ -31,7 +31,7 @@ def test_of_two_warm_records_the_one_that_was_cold_is_named_and_the_effect_is_fo
     assert effect.parameters["relative_change_per_k"].estimate.value == pytest.approx(true, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_wrong_preload_that_an_effect_of_all_preloads_would_half_explain_is_named_and_no_such_effect() -> None:
     machine = machine_named("mini")
     case, answer = explained("guide-stiffness", ("preload-tag", 2), transmission_line, 640, machine)
@@ -39,7 +39,7 @@ def test_a_wrong_preload_that_an_effect_of_all_preloads_would_half_explain_is_na
     assert [effect.key for effect in answer.effects] == ["guide-stiffness"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("seed", [620, 621])
 def test_a_wrong_preload_is_named_where_the_fit_bends_to_it(seed) -> None:
     case, answer = explained(NONE, ("preload-tag", 2), finite_elements, seed)

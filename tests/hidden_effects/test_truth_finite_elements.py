@@ -237,7 +237,7 @@ def test_every_hidden_field_is_looked_at():
     assert set(FELT) | IN_TIME | ON_LINES == {item.name for item in fields(Hidden)}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("field", FELT)
 def test_a_mechanism_changes_the_response_and_vanishes_with_its_size(field, monkeypatch):
     if field == "screw_loss_factor":  # it stands in the place of what the steel loses otherwise
@@ -299,7 +299,7 @@ def test_a_delayed_torque_shifts_the_motion_by_a_share_of_a_sample():
     np.testing.assert_allclose(ratio, np.exp(-2j * math.pi * frequency[seen] * delay), rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_steps_in_time_agree_with_the_steady_motion():
     """The same plant by another road; the rest is what the anti-aliasing filter and straight lines leave."""
     torque = low_torque(1, 5.0, 0.1, highest=1500.0)
@@ -311,7 +311,7 @@ def test_steps_in_time_agree_with_the_steady_motion():
         assert np.std(difference) < 2e-4 * np.std(np.diff(other, 2, axis=1)[0, kept])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("share", [0.5, 3.0])
 def test_friction_stops_a_drive_or_slows_it_to_its_terminal_speed(share):
     """T = c ω + i (c_t v + F) with v = i ω once it runs; below i F it does not turn at all."""
@@ -365,7 +365,7 @@ def test_forces_fed_back_scale_with_the_motion(hidden, louder):
     assert np.std((motion - linear)[0, 2000:]) > 0.01 * np.std(linear)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("law", "beta"),
     [
@@ -456,7 +456,7 @@ LINEAR = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("kind", ["none", *LINEAR])
 def test_the_model_under_test_agrees_where_nothing_is_missing(kind):
     """At the true parts and with the effect of the true size: median below 900 Hz, away from zeros of the response."""
@@ -478,7 +478,7 @@ def test_the_model_under_test_agrees_where_nothing_is_missing(kind):
     assert np.median(error[1][:, LINES > 900.0]) < 0.004
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_case_is_written_as_files_that_the_product_reads(family, tmp_path):
     case = draw_case("added-mass", "small", seed=3, family=family)
@@ -494,7 +494,7 @@ def test_a_case_is_written_as_files_that_the_product_reads(family, tmp_path):
     assert case.truth["added-mass"]["mass_kg"] == pytest.approx(0.5, rel=0.17)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_seed_gives_one_case_and_another_seed_another_machine():
     first, again, other = (draw_case("none", seed=seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.measured[5].response, again.measured[5].response)

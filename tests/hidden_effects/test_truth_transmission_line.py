@@ -273,7 +273,7 @@ def short_record(axis: Axis):
     return np.array(respond(axis, [LOADED], random_torque(1, 2048, 4096.0), 4096.0))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_every_field_of_hidden_acts_and_is_absent_at_its_default():
     named = {name for values in MECHANISMS.values() for name in values}
     assert named | IN_STEPS_ALONE == {item.name for item in fields(Hidden)}
@@ -365,7 +365,7 @@ def test_sine_is_answered_as_the_frequency_response_says(n_samples):
         assert motion[0] == pytest.approx(0.05 * (line[0] * np.exp(1j * phase)).real, abs=1e-9 * abs(line[0]))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_nut_that_is_soft_at_any_deflection_is_a_linear_nut():
     """All of the way from torque through step responses and forces to motion, against the lines with 0.7 k.
 
@@ -473,7 +473,7 @@ def rms_of_lines(response, lines, n_samples):
     return math.sqrt(2.0 * np.sum(np.abs(response * lines) ** 2) / lines.shape[0]) / n_samples
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_friction_under_random_torque_damps_as_its_statistical_linearisation():
     """A damper of F √(2/π)/σ_v (Roberts & Spanos, chapter 5), good to a few per cent where friction is weak."""
     friction, rate = 1.0, 4096.0
@@ -489,7 +489,7 @@ def test_friction_under_random_torque_damps_as_its_statistical_linearisation():
     assert np.linalg.norm(measured - linearised) < 0.1 * np.linalg.norm(measured - frictionless)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_cubic_nut_under_random_torque_stiffens_as_its_statistical_linearisation():
     """k(1 + 3βσ²) (Roberts & Spanos, chapter 5)."""
     cubic, rate = 5e12, 4096.0
@@ -506,7 +506,7 @@ def test_cubic_nut_under_random_torque_stiffens_as_its_statistical_linearisation
     assert np.linalg.norm(measured - linearised) < 0.15 * np.linalg.norm(measured - linear)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_nonlinear_forces_have_settled_where_the_record_begins():
     """A record that begins elsewhere in the same period is answered by the same motion."""
     torque = random_torque(2, 2 * 4096, 4096.0)
@@ -529,7 +529,7 @@ def test_solver_gives_the_same_numbers_compiled_or_not(monkeypatch):
         assert of_compiled == pytest.approx(other, rel=1e-9, abs=1e-9 * np.max(np.abs(other)))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_friction_hardly_depends_on_the_length_of_its_steps(monkeypatch):
     torque = random_torque(2, 2 * 4096, 4096.0)
     settings, axis = [MIDDLE, LOADED], hidden(guide_friction=4.0)
@@ -594,7 +594,7 @@ needs_finite_elements = pytest.mark.skipif(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @needs_finite_elements
 @pytest.mark.parametrize("principal", sorted(MECHANISMS.keys() - {"constant_loss_factor"}))
 def test_finite_elements_of_the_same_axis_move_alike(principal):

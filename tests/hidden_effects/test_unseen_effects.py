@@ -15,7 +15,7 @@ def poor(machine, seed):
     return Situation(machine=jittered(machine_named(machine), np.random.default_rng([seed, 1])), design="poor")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("kind", "size", "machine", "seed"),
     [("outside:contact-loss", "small", "gantry", 664844176), ("outside:nut-softening", "large", "mini", 664844156)],
@@ -31,7 +31,7 @@ def test_what_a_nut_that_hardens_would_explain_better_is_a_stand_in(kind, size, 
     assert "vary the excitation level" in answer.next_measurement
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("machine", ["gantry", "bench"])
 def test_an_exponent_of_the_preload_keeps_its_name(machine) -> None:
     """A class of two at most, where a nut that goes with the amplitude would do as well."""
@@ -42,7 +42,7 @@ def test_an_exponent_of_the_preload_keeps_its_name(machine) -> None:
     assert set(found.equivalent_to) <= {"amplitude-law"}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_it_would_do_alone_in_the_place_of_all_leaves_every_name_open() -> None:
     """A softening passed for a compliant base beside an exponent; a cubic stiffness alone explains more than both."""
     situation = ("receptance", "finite elements", "mini", "poor", "uniform")

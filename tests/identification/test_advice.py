@@ -57,7 +57,7 @@ def test_no_band_of_the_whole_screw_separates_modes_that_veer_or_cross() -> None
         mode_bands(peaks)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("axis", [VEERING, CROSSING], ids=["veering", "crossing"])
 def test_each_band_holds_one_mode_wherever_the_table_stands(axis: ReceptanceParameters) -> None:
     for position in (0.2, 0.8, 1.27, 1.7, 2.4):
@@ -117,7 +117,7 @@ def fitted(case: Case) -> LocalFit:
     return fit_local(case.problem(positions_of(case)), BOUNDS, START)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_advised_position_brings_what_it_promises_in_responses() -> None:
     rng = np.random.default_rng(2)
     case = ResponseCase(STIFFNESSES, finite_element_responses(AXIS, (0.6, 1.6), rng))
@@ -148,7 +148,7 @@ def exact_peaks(x: float, with_amplitude: bool) -> list[ModalObservation]:
     return [replace(peak, amplitude=a, amplitude_uncertainty=0.05 * a) for peak, a in zip(peaks, heights, strict=True)]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("weighting", Weighting)
 @pytest.mark.parametrize("with_amplitude", [True, False], ids=["with amplitudes", "frequencies alone"])
 def test_advised_position_brings_what_it_promises_in_peaks(weighting: Weighting, with_amplitude: bool) -> None:

@@ -95,7 +95,7 @@ def test_a_rigidity_known_at_one_preload_follows_it_like_the_catalogues():
     assert predicted.standard_uncertainties == pytest.approx([0.0, 0.0, 0.05 * k.k3, 0.0], rel=1e-4, abs=1e-6 * k.k3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_stated_covariance_is_the_scatter_of_predictions_of_drawn_joints():
     """Sun's axis with a distributed screw, joints known to 5 and 7 %, P0 to 10 %; 600 draws know a variance to 6 %."""
     values = stated("hybrid")

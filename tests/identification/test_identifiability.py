@@ -123,7 +123,7 @@ def test_profile_of_a_line_is_its_linear_interval(stated: bool) -> None:
         assert judged.interval.upper - judged.value == pytest.approx(half, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_profile_ends_are_fiellers() -> None:
     rng = np.random.default_rng(11)
     compared = 0
@@ -155,7 +155,7 @@ class Root:
         return np.column_stack([0.5 * self.x / math.sqrt(coordinates[0]), np.ones(self.x.size)])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_profile_intervals_cover_95_percent_where_linear_ones_cover_84() -> None:
     # With σ(√k) = 1 and √k = 1.5 all is known: of √k itself the line's interval is exact. The linear one of k covers
     # where |u² − 1.5²| ≤ 2 z u, u the estimate of √k: for u ≥ 0.508, 83.9 % of all; nowhere below 0. The profile's

@@ -121,7 +121,7 @@ def published(watched: tuple[JointFit, PeakCase, list[tuple[int, int]]]) -> Join
     return watched[0]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_stiffness_that_published_peaks_determine(published: JointFit) -> None:
     joints = dict(zip(published.fit.names, 10.0**published.fit.coordinates.values, strict=True))
     assert 6.0e8 < joints["nut_stiffness_n_per_m"] < 7.5e8
@@ -130,7 +130,7 @@ def test_stiffness_that_published_peaks_determine(published: JointFit) -> None:
     assert not published.leave_one_out
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_published_peaks_leave_open(published: JointFit) -> None:
     verdict = {coordinate.name: coordinate.verdict for coordinate in published.judged.coordinates}
     assert verdict["nut_damping_ns_per_m"] is Verdict.NOT_DETERMINED
@@ -144,7 +144,7 @@ def test_what_published_peaks_leave_open(published: JointFit) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: JointFit) -> None:
     # the paper states 2.95 % (order 4 at 1900 mm); it prints order 1 there as 23 Hz
     worst = published.worst_held_out
@@ -157,7 +157,7 @@ def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: Join
     assert max(others) <= 2.75
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_mode_at_whose_node_the_table_stands_is_told(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
@@ -166,7 +166,7 @@ def test_mode_at_whose_node_the_table_stands_is_told(
     assert [peak.mode for peak in watched[1].assignment.peaks] == [observation.order for observation in EVERYWHERE]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_equation_26_pays_with_its_frequencies(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
@@ -194,7 +194,7 @@ def test_position_that_was_not_measured_cannot_be_held_out() -> None:
         fit_joints(peak_case(JOINTS, EVERYWHERE), BOUNDS, hold_out=[0.6, 0.7])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_mode_that_nobody_measured_was_taken_for_the_one_above_it() -> None:
     # without order 3 the band of order 4 once reached down to it, and its higher peak made a nut of 2.4e8 N/m
     two = tian.free(AXIS, "bearing_stiffness", "nut_stiffness")
@@ -248,7 +248,7 @@ def test_a_limit_without_end_is_refused() -> None:
 # --- progress, cancel, repetition
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_progress_never_falls_and_ends_at_its_total(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
@@ -293,7 +293,7 @@ def numbers(found: JointFit) -> list[object]:
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_same_seed_same_answer_with_any_number_of_workers() -> None:
     joints = tian.free(AXIS, "bearing_stiffness", "nut_stiffness", "coupling_stiffness")
     case, bounds = peak_case(joints, EVERYWHERE), joints.bounds(tian.LIMITS)
@@ -321,7 +321,7 @@ def from_responses(responses: tuple[FrequencyResponseObservation, ...]) -> Joint
     return fit_joints(ResponseCase(JOINTS, responses), BOUNDS, settings)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_simulated_responses_give_the_axis_back(from_responses: JointFit) -> None:
     error = from_responses.fit.coordinates.values - JOINTS.start
     u = from_responses.fit.coordinates.standard_uncertainties
@@ -334,14 +334,14 @@ def test_simulated_responses_give_the_axis_back(from_responses: JointFit) -> Non
     assert [prediction.conditions.position for prediction in from_responses.held_out] == [0.6, 1.0, 1.6]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_held_out_responses_are_off_by_their_noise(from_responses: JointFit) -> None:
     # ln(H/H measured) of noise of 5 %: rms 0.05, plus what the fit to two positions does not know
     for prediction in from_responses.held_out:
         assert 0.045 < prediction.relative_error < 0.065
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_error_of_the_model_is_told_from_noise(responses: tuple[FrequencyResponseObservation, ...]) -> None:
     heavy = tian.free(replace(AXIS, table_mass=1.05 * AXIS.table_mass))
     start = JointFitSettings(search=replace(FEW_STARTS, n_populations=1, n_random_starts=2))
@@ -352,7 +352,7 @@ def test_error_of_the_model_is_told_from_noise(responses: tuple[FrequencyRespons
     assert found.fit.residual_variance > 1.2
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_prior_of_one_joint_sharpens_its_partner(responses: tuple[FrequencyResponseObservation, ...]) -> None:
     # the bearings are known as a sum: who knows one within 0.1 % knows the other as if it alone were free
     two = tian.free(AXIS, "bearing_stiffness", "far_bearing_stiffness")
@@ -372,7 +372,7 @@ def test_prior_of_one_joint_sharpens_its_partner(responses: tuple[FrequencyRespo
 # --- laws of what is stated
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_cover_whether_uncertainties_are_stated_rightly_or_too_small() -> None:
     rng, truth = np.random.default_rng(3), np.array([10.0, 3.0])
     settings = JointFitSettings(search=ONE_START)

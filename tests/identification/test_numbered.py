@@ -57,7 +57,7 @@ def assert_the_same_optimum(found: JointFit, expected: JointFit) -> None:
     assert 100.0 * found.worst_held_out.relative_error == pytest.approx(2.77, abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("signs", [(1, 1, -1, -1, 1, -1, 1, 1), (-1, 1, 1, 1, -1, -1, 1, -1)])
 def test_joints_off_by_a_factor_of_five_lead_to_the_same_optimum(from_near: JointFit, signs: tuple[int, ...]) -> None:
     drive = off_by_five(*signs)
@@ -66,14 +66,14 @@ def test_joints_off_by_a_factor_of_five_lead_to_the_same_optimum(from_near: Join
     assert_the_same_optimum(fitted(drive), from_near)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_printed_coupling_is_a_start(from_near: JointFit) -> None:
     with pytest.raises(NotIdentifiableError, match="within 25% of a mode of the model; the peak at 2"):
         assigned_peaks(stated(**PRINTED), TABLE)
     assert_the_same_optimum(fitted(stated(**PRINTED)), from_near)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_peaks_that_found_the_wrong_modes_are_taken_by_their_numbers() -> None:
     """A bearing five times too soft and a stiff far one: modes 3 and 4 seemed to change places along the screw."""
     drive = stated(
@@ -106,7 +106,7 @@ def test_near_joints_and_tables_without_numbers_stay_as_they_are() -> None:
     assert near(stated(**PRINTED), read_twice) == stated(**PRINTED).parameters
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_numbers_of_a_source_that_counts_otherwise_do_not_mislead() -> None:
     """Counted from the rigid body, every number is one too high; as they lie, the peaks fit the stated joints."""
     shifted = tuple(replace(peak, order=peak.order + 1) for peak in TABLE)

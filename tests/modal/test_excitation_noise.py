@@ -46,7 +46,7 @@ def test_no_noise_moves_nothing():
     assert excitation_noise(torque[:, :20]) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_noise_on_the_torque_of_a_plant_is_taken_off():
     # Torque between coupling and screw is least at the mode: 5 % of noise moves the frequency by a quarter hertz.
     rng = np.random.default_rng(3)

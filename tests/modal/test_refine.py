@@ -102,7 +102,7 @@ def study():
     return {cell: np.array(rows).T for cell, rows in cells.items()}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("snr", SNRS_DB)
 @pytest.mark.parametrize("damping", DAMPINGS)
 def test_estimator_meets_the_bound_and_its_intervals_cover(study, damping, snr):
@@ -147,7 +147,7 @@ TWO_MODES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("modes", TWO_MODES)
 def test_two_modes_are_seen_as_two_and_the_first_is_unbiased(modes):
     fits = fits_of(11, 25, modes, 20)
@@ -160,7 +160,7 @@ def test_two_modes_are_seen_as_two_and_the_first_is_unbiased(modes):
     assert np.all(np.abs(alone) > 3.0)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("other", [(205.0, 0.02, 0.1), (225.0, 0.02, 1.0)])
 def test_a_weak_mode_or_one_beyond_the_band_is_at_least_not_ignored(other):
     fits = fits_of(22, 25, [(175.0, 0.02, 1.0), other], 20)
@@ -169,7 +169,7 @@ def test_a_weak_mode_or_one_beyond_the_band_is_at_least_not_ignored(other):
     assert abs(np.mean(errors_in_sigma(fits))) < 1.1
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_one_mode_is_seen_as_one():
     fits = fits_of(12, 100, [(175.0, 0.02, 1.0)], 20)
     assert sum(len(fit.modes) == 1 for fit in fits) == 100
@@ -191,7 +191,7 @@ def tone_in(frequency, amplitude):
     return spoil
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("tone", "amplitude"), [(180.13, 0.2), (180.13, 5.0), (176.25, 1.0), (172.0, 1.0)])
 def test_a_tone_near_the_mode_is_removed_and_intervals_cover(tone, amplitude):
     fits = fits_of(13, 80, [(175.0, 0.02, 1.0)], 20, spoil=tone_in(tone, amplitude))
@@ -204,7 +204,7 @@ def test_a_tone_near_the_mode_is_removed_and_intervals_cover(tone, amplitude):
     assert abs(np.mean(z)) < 0.35
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_pure_delay_of_the_response_does_not_move_the_frequency():
     # Half a millisecond, 31° at 175 Hz: a phase criterion would be off by 2 Hz.
     def delay(rng, spectra, deviation):
@@ -218,7 +218,7 @@ def test_a_pure_delay_of_the_response_does_not_move_the_frequency():
     assert 0.7 < np.std(z) < 1.3
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_noise_on_the_torque_is_in_the_stated_uncertainty():
     def noise_on_torque(rng, spectra, deviation):
         level = 0.05 * np.sqrt(np.mean(np.abs(spectra.excitation) ** 2) / 2.0)
@@ -235,7 +235,7 @@ def test_noise_on_the_torque_is_in_the_stated_uncertainty():
     assert np.sqrt(np.mean(stated**2)) == pytest.approx(np.std(error), rel=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_friction_is_neither_a_tone_nor_a_second_mode_and_widens_the_interval():
     # Unmeasured forces at the moves: noise that reaches the sensor through the mode, alike on neighbouring lines.
     rng = np.random.default_rng(16)

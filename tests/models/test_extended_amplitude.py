@@ -75,7 +75,7 @@ def mass_spring_damper(receptance):
     return np.sum(weight * (stiffness.real + omega**2 * MASS)), np.sum(weight * stiffness.imag / omega)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("friction", [1.0, 3.0])
 def test_friction_damps_as_in_the_motion_itself(friction) -> None:
     """At 10 N rms. What the linearisation leaves out, a velocity that is not Gaussian, is a few percent of c_e."""
@@ -113,7 +113,7 @@ def own_hardening(stiffness, behind, damping, cubic, level) -> float:
     return float(hardening)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("behind", "allowed", "missed"), [(0.0, 0.05, 0.3), (2.0, 0.035, 0.07)])
 def test_a_lightly_damped_response_is_an_average_over_amplitudes(behind, allowed, missed) -> None:
     """The mean stiffness alone misses what hardening that moves a resonance by its width makes of it.
@@ -267,7 +267,7 @@ def through_amplitudes(physics: AxisPhysics, excitation, level: float, friction:
     return moved * (1.0 + compliance * table) / (1.0 + seen * table)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("excitation", [MOTOR, FORCE])
 @pytest.mark.parametrize(
     ("friction_share", "cubic_share"), [(0.1, 0.0), (0.7, 0.0), (0.0, 0.1), (0.0, 10.0), (0.3, 1.0)]

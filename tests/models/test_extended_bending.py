@@ -63,7 +63,7 @@ def beam(share, n_elements=240):
     return parts
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("share", SHARES)
 def test_responses_are_those_of_a_beam_in_finite_elements(share) -> None:
     elements, frequency = beam(share), np.geomspace(0.4 * FIRST, 8.0 * FIRST, 60)
@@ -75,7 +75,7 @@ def test_responses_are_those_of_a_beam_in_finite_elements(share) -> None:
     np.testing.assert_allclose(ours, theirs, rtol=3e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("share", SHARES)
 def test_natural_frequencies_are_those_of_a_beam_in_finite_elements(share) -> None:
     model = ExtendedModel(PARAMETERS, bent(share), 20.0 * FIRST)

@@ -36,7 +36,7 @@ def answer(physics, excitation, response, frequency=BAND):
     return response_of(physics, replace(case, motor_end=MotorEnd.FREE))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("more", [{}, AT_ROTOR_AND_END, {**AT_ROTOR_AND_END, "base_compliance": 3e-9,
                                                          "base_frequency": 240.0}])  # fmt: skip
 def test_responses_are_those_of_finite_elements_with_dampers(more) -> None:

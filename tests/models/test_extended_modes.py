@@ -24,7 +24,7 @@ def elastic(modes):
 # --- against the families --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @motor_ends
 @pytest.mark.parametrize("share", SHARES)
 @pytest.mark.parametrize("family", ["lumped", "receptance"])
@@ -126,7 +126,7 @@ EXTRAS = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("extra", EXTRAS)
 def test_natural_frequencies_are_those_of_finite_elements(extra) -> None:
     """The matrices of Tian's axis, with springs and a base put in as parts; none missed and none twice."""

@@ -96,7 +96,7 @@ def judged(name, settings):
         yield judge_measurement(windows, axis, None).modal.mode.frequency, truth
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("source", ExcitationSource)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_road_finds_the_mode_of_every_family(name, source):
@@ -105,7 +105,7 @@ def test_the_road_finds_the_mode_of_every_family(name, source):
         assert frequency.standard_uncertainty < 1e-4 * truth
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("name", NAMES)
 def test_friction_of_5_newtons_moves_the_mode_by_less_than_four_tenths_of_a_hertz(name):
     for frequency, truth in judged(name, replace(SimulationSettings(), friction=GuideFriction(5.0))):
@@ -124,7 +124,7 @@ def test_the_modes_that_friction_moves_are_the_poles_of_the_model(name, source):
         assert pole.damping_ratio == pytest.approx(modes.damping_ratio[1], rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("name", NAMES)
 def test_the_record_has_the_frequency_response_of_the_family(name):
     """Ratio of the transforms of windows from rest to rest, from 20 Hz to half as much again as the first mode.

@@ -240,7 +240,7 @@ def test_a_step_of_friction_solves_its_equations(presliding):
         assert np.abs(speed[stuck]).max() < 1e-15
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("source", "coulomb"),
     [(ExcitationSource.SENSOR, 5.0), (ExcitationSource.SENSOR, 20.0), (ExcitationSource.DRIVE, 5.0)],

@@ -63,7 +63,7 @@ def test_rings_equal_the_plain_loop_bitwise(grid, motor_end):
         np.testing.assert_array_equal(ring, loop)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @needs_compiler
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 def test_compiled_steps_equal_python_s_bitwise(grid):
@@ -82,7 +82,7 @@ def test_compiled_steps_equal_python_s_bitwise(grid):
 STRUCK = LineState(table=TableState(velocity=0.1))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @needs_compiler
 @pytest.mark.parametrize("sections", [40, 424])  # steps of 10.5 and 1 µs
 def test_energy_is_conserved_to_1e_10_over_a_million_steps_of_the_common_step(sections):

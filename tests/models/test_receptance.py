@@ -87,7 +87,7 @@ def test_closed_form_equals_coupled_matrices(paper, full, position, motor_end):
         np.testing.assert_allclose(closed, coupled[:, 0, 0], rtol=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("position", "n_near"), [(0.65, 15), (1.3, 30), (1.95, 45)])
 def test_finite_elements_converge_on_the_closed_form(paper, position, n_near):
     # motor on; the difference over 12–1000 Hz against the largest receptance there. Below, where the screw is only a
@@ -109,7 +109,7 @@ def test_finite_elements_converge_on_the_closed_form(paper, position, n_near):
     np.testing.assert_allclose(extrapolated, exact, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("motor_end", MotorEnd)
 def test_natural_frequencies_of_finite_elements_converge_on_the_exact_ones(paper, motor_end):
     undamped = without_damping(paper)
@@ -124,7 +124,7 @@ def test_natural_frequencies_of_finite_elements_converge_on_the_exact_ones(paper
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("excitation", "motor_end"),
     [
@@ -313,7 +313,7 @@ def zeros_inside(parameters, conditions, motor_end, highest):
     return round((phase[-1] - phase[0]) / (2 * np.pi))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("motor_end", MotorEnd)
 @pytest.mark.parametrize("position", [0.02, 0.6, 1.3, 2.2])
 def test_no_pole_is_missed_and_none_found_twice(paper, full, position, motor_end):
@@ -377,7 +377,7 @@ def test_modal_superposition_is_the_undamped_response(full, motor_end):
     assert residual((exact.angle_per_torque / exact.denominator).real, motor, motor) < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_normal_modes_have_the_mass_of_finite_elements(full):
     # φ of each mode from the eigenvectors of the elements
     undamped = without_damping(replace(full, bracket_stiffness=np.inf))
@@ -443,7 +443,7 @@ def test_parameters_survive_the_file(full):
     assert ReceptanceParameters.from_file_names(full.to_file_names(), "receptance") == full
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("motor_end", MotorEnd)
 @pytest.mark.parametrize("loss_factor", [0.001, 0.03, 0.1])
 def test_a_loss_factor_alone_does_not_make_a_mode_of_the_rigid_body(paper, motor_end, loss_factor):

@@ -38,7 +38,7 @@ def respond(model, frequency, excitation, response, conditions=HERE):
 # --- the continuous drive ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_coupled_drive_with_the_paper_s_synchronisation_is_within_1_ppm_of_the_continuous_one():
     # t_a = t_t/8 = 0.125 µs, 421 and 2105 sections, the density of Eq. (54); all eight modes up to 4.4 kHz.
     p = shaft(density=80e9 / (1.346 / 421e-6) ** 2, **UNDAMPED)
@@ -83,7 +83,7 @@ def test_first_mode_is_within_1_ppm_where_both_delays_are_whole_and_within_9_for
     assert max(off) == off[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_no_mode_is_missed():
     # Between zero and 4.5 kHz the determinant of the continuous drive changes sign at modes and at the poles of its
     # elements; what is left after those are taken out is the number of modes.
@@ -153,7 +153,7 @@ def test_poles_that_pass_each_other_fell_onto_one_path_and_were_refused(changes)
         assert pole_of_matrix(matrix, model.grid.time_step, s / (2j * np.pi)) == pytest.approx(s, rel=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_highest_pole_was_exchanged_for_that_of_a_mode_beyond():
     """The damping ratio of a mode rises as its dampers grow; that of the mode beyond is 0.7 %."""
     ratios = []
@@ -185,7 +185,7 @@ def test_any_drive_has_the_modes_of_its_step_and_no_others(seed):
     np.testing.assert_allclose(modes, frequency[(frequency > 0.5) & (frequency < highest * (1 - 1e-9))], rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("excitation", list(ExcitationPoint))
 def test_response_is_the_transform_of_a_run(excitation):
     # A run from rest, weighted with e^(−αt) so that its end no longer counts, is the response at s = α + jω.
@@ -213,7 +213,7 @@ def test_response_is_the_transform_of_a_run(excitation):
         np.testing.assert_allclose(transform, modelled, rtol=1e-8, atol=1e-9 * np.max(np.abs(modelled)))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_drive_that_comes_to_rest_shows_its_response_in_the_transform_of_its_acceleration():
     p = shaft(**HEAVY)
     model = TransmissionLineModel(p, least_torsional_sections=20)

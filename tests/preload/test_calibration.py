@@ -102,7 +102,7 @@ def test_a_small_span_of_temperature_is_not_fitted_but_taken_as_unknown() -> Non
     assert k_t.standard_uncertainty * 180.0**2 == pytest.approx(3e-4, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("weighting", ["none", "std"])
 def test_stated_uncertainties_of_the_coefficients_are_their_scatter(weighting: str) -> None:
     """500 calibrations: each standard deviation is known to 3.2 %, so 13 % is four of them."""

@@ -246,7 +246,7 @@ def test_readings_contradict_beyond_the_point_of_one_in_a_thousand() -> None:
             fit([reading], prior)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_true_priors_are_hardly_ever_contradicted() -> None:
     """Of 3000 axes three are; 99.99 % of such trials refuse at most 11."""
     rng, refused = np.random.default_rng(7), 0

@@ -56,7 +56,7 @@ def test_friction_and_offset_are_told_apart_and_inertia_is_left_out():
     assert estimate.drag.standard_uncertainty < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("quantity", ["drag", "offset"])
 def test_stated_uncertainty_covers_in_95_percent(quantity):
     # friction and zero error that differ from window to window are common to the travels there and back
@@ -141,7 +141,7 @@ def test_travels_at_another_speed_are_left_out():
     assert estimate.drag.value == pytest.approx(0.45, abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_work_of_the_moves_knows_friction_better_than_their_constant_velocity():
     # on the plant, whose friction is known: 20 % more of all friction between two halves of the measurements
     tagged = [Condition(x) for x in MEDIUM.positions(5) for _ in range(4)]

@@ -74,7 +74,7 @@ SMALL = calibration_of(np.random.default_rng(0), own=0.005, between=0.0)
 ONE = calibration_of(np.random.default_rng(1))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("positions", "preloads", "own", "between"),
     [
@@ -109,7 +109,7 @@ def test_intervals_cover_19_times_in_20(
     assert below == pytest.approx(0.5 * (below + above), rel=0.35)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_cover_under_payload_and_temperature() -> None:
     """Both influences fitted, then measured with 4 kg at 26 °C: inside the calibrated range, at no calibrated value."""
     rng = np.random.default_rng(21)

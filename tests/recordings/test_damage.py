@@ -181,7 +181,7 @@ def damaged(content: bytes, rng: random.Random) -> bytes:
     return bytes(result)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("case", MAKERS)
 def test_damaged_files_are_read_or_refused(tmp_path, case):
     good = tmp_path / "good"

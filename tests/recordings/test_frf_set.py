@@ -226,7 +226,7 @@ SPELLINGS = {
 EVERY_SPELLING = [(points, unit) for points, units in SPELLINGS.items() for unit in units]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("points", "unit"), EVERY_SPELLING)
 def test_a_unit_is_known_in_its_usual_spellings_and_belongs_to_its_points_alone(tmp_path, points, unit):
     for others, units in SPELLINGS.items():
@@ -483,7 +483,7 @@ def test_a_damaged_heap_of_texts_is_refused_before_hdf5_crashes_on_it(frf_file):
     assert check_file(frf_file).problems == (refusal(frf_file),)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_damaged_bytes_are_read_or_refused(frf_file, tmp_path):
     # in a process of its own with limited memory, since HDF5 ends the process on some damaged files
     folder = tmp_path / "damaged"

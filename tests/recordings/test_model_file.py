@@ -37,7 +37,7 @@ def test_what_is_written_is_read_back(tmp_path, family):
     assert read_model_file(tmp_path / "copy.toml") == model
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @given(
     mass=st.floats(1e-30, 1e30),
     share=st.floats(1e-12, 1e6),

@@ -48,7 +48,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_session_of_the_nut_is_explained_as_one(preload: Any, session: Path) -> None:
     words = ("explain", session, "--baseline", REPLAY / "models" / "replay-axis.toml", "--json")
     document = preload(*words).json()
@@ -61,7 +61,7 @@ def test_a_session_of_the_nut_is_explained_as_one(preload: Any, session: Path) -
     assert all(channel.startswith("acceleration-at-nut") for channel in document["gap_by_channel"])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_joints_are_those_of_the_plant(preload: Any, session: Path, machine: Path) -> None:
     document = preload("identify", session, "--model", machine, "--json").json()
     assert "taken to be on the nut" in document["taken_as"][0]
@@ -70,7 +70,7 @@ def test_joints_are_those_of_the_plant(preload: Any, session: Path, machine: Pat
     assert document["parameters"][NUT]["value"] == pytest.approx(MACHINE.parameters[NUT], rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_stated_place_is_kept_though_the_other_fits_better(preload: Any, session: Path, machine: Path) -> None:
     words = ("identify", session, "--model", machine, "--accelerometer", "table", "--json")
     document = preload(*words).json()
@@ -80,7 +80,7 @@ def test_stated_place_is_kept_though_the_other_fits_better(preload: Any, session
     assert abs(document["parameters"][NUT]["value"] / MACHINE.parameters[NUT] - 1.0) > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_simulated_session_is_of_the_table(preload: Any, tmp_path: Path) -> None:
     model, path = REPLAY / "models" / "lumped.toml", tmp_path / "trial.session.h5"
     preload("simulate", model, "--out", path, "--preload-n", 200)
@@ -164,7 +164,7 @@ def test_healthy_machines_are_placed_each_by_itself() -> None:
     assert all(channel.startswith("acceleration-at-nut") for channel in explanation.gap_by_channel)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_jobs_of_stored_measurements_take_the_place_too(shared_api: Api, session: Path, machine: Path) -> None:
     windows = list(read_session(session).windows)
     shared_api.register("nut", windows_per_measurement=15)
@@ -178,7 +178,7 @@ def test_jobs_of_stored_measurements_take_the_place_too(shared_api: Api, session
         assert sentence in job["result"]["taken_as"][0]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_no_calibration_from_natural_frequencies_that_have_the_nut_elsewhere(
     preload: Any, session: Path, machine: Path, tmp_path: Path
 ) -> None:

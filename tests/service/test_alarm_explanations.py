@@ -78,7 +78,7 @@ def finished_jobs(api: Api, axis: str) -> list[dict[str, Any]]:
 # --- the cause is named
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("cause", "changed", "size"),
     [("preload", Condition(0.0, preload=200.0), -100.0), ("payload", Condition(0.0, payload=1.0), 1.0)],
@@ -174,7 +174,7 @@ def test_too_few_places_are_waited_for(shared_api: Api) -> None:
     assert problem["detail"].endswith("; got 2")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_model_of_another_machine_is_refused_in_the_alarm_and_asked_again(shared_api: Api) -> None:
     watch_resonator(shared_api, "other", drive_model=MODEL)
     lose_preload(shared_api, "other", (400.0, 500.0, 600.0))

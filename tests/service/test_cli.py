@@ -245,7 +245,7 @@ def test_help_and_version(preload: Any) -> None:
     assert preload().exit_code == 2
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_replay_to_a_running_service_twice(preload: Any, session_file: Path, shared_api: Api) -> None:
     url = str(shared_api.http.base_url)
     shared_api.register("replayed", windows_per_measurement=10)
@@ -281,7 +281,7 @@ def test_replay_passes_a_refusal_on_in_one_line(preload: Any, session_file: Path
     assert_refused(preload("replay", session_file, "--url", "http://127.0.0.1:9", "--axis", "a"), "no answer")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("is_terminal", "said"), [(True, "preload explain: starting\n"), (False, "")])
 def test_a_command_that_starts_slowly_says_so_before_it_imports(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], is_terminal: bool, said: str

@@ -41,7 +41,7 @@ def answers(folder: Path) -> list[str]:
     return [path.read_text(encoding="utf-8") for path in sorted(folder.iterdir())]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_number_of_workers_and_who_they_are_change_no_answer(
     preload: Any, plan: Path, tmp_path: Path, scheduler: str
 ) -> None:

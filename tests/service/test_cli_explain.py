@@ -114,7 +114,7 @@ def value_of(document: dict[str, Any], key: str, name: str) -> dict[str, Any]:
 # --- frequency responses
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_named_from_responses_and_the_gap_closes_where_nothing_was_fitted(
     preload: Any, responses: Path, baseline: Path, tmp_path: Path
 ) -> None:
@@ -157,7 +157,7 @@ def _assert_augmented_model_is_the_axis(preload: Callable[..., Any], out: Path, 
     assert abs(frequencies[baseline][1]["frequency_hz"] / truth[1] - 1.0) > 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_people_read_verdict_values_gaps_and_candidates(preload: Any, responses: Path, baseline: Path) -> None:
     answer = preload("explain", responses, "--baseline", baseline)
     assert (answer.exit_code, answer.err) == (0, "")
@@ -186,7 +186,7 @@ def test_nothing_is_named_where_nothing_is_missing(preload: Any, responses: Path
     assert answer.out.splitlines()[-1] == f"Written: {tmp_path / 'report' / 'explanation.html'}"
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_is_held_out_is_what_is_asked_for(preload: Any, responses: Path, tmp_path: Path) -> None:
     """With nothing to adjust the gap at some positions is the same whether these are fitted or held out."""
     fixed = model_in(tmp_path / "fixed.toml", replace(BASELINE, uncertain={}))
@@ -201,7 +201,7 @@ def test_what_is_held_out_is_what_is_asked_for(preload: Any, responses: Path, tm
     assert some["fit"] != pytest.approx(some["held_out"], rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_effects_of_the_baseline_stay_and_grow(preload: Any, responses: Path, tmp_path: Path) -> None:
     started = replace(BASELINE, effects={"far-bearing-stiffness": {"stiffness_n_per_m": 3e6}})
     document = preload("explain", responses, "--baseline", model_in(tmp_path / "b.toml", started), "--json").json()
@@ -212,7 +212,7 @@ def test_effects_of_the_baseline_stay_and_grow(preload: Any, responses: Path, tm
     assert after["stiffness_n_per_m"] == pytest.approx(3e6 + found["value"], rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_effect_of_a_users_own_is_found(preload: Any, tmp_path: Path) -> None:
     own = tmp_path / "own.py"
     own.write_text(HANDWHEEL, encoding="utf-8")
@@ -225,7 +225,7 @@ def test_effect_of_a_users_own_is_found(preload: Any, tmp_path: Path) -> None:
     assert "[effects.handwheel]" in document["model"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_one_preload_for_all_is_that_of_the_nut(preload: Any, responses: Path, baseline: Path, tmp_path: Path) -> None:
     same = frf_file(tmp_path / "same.frf.h5", measured(TIAN.build(), 1, preload=300.0))
     with_preload, without = (
@@ -247,7 +247,7 @@ def modal_table(path: Path, rows: list[tuple[float, float | None, float]]) -> Pa
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("family", "preloads", "lowest"), [("lumped", (100.0, 300.0), 1.0), ("receptance", (None,), 60.0)]
 )
@@ -269,7 +269,7 @@ def test_first_mode_of_a_sound_axis_lacks_nothing(
     assert document["gap"]["before"]["fit"] < 2.0 * document["gap"]["noise_floor"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("family", "options"), [("lumped", ("--preload-n", 200)), ("transmission-line", ())])
 def test_a_session_of_a_sound_axis_lacks_nothing(
     preload: Any, tmp_path: Path, family: str, options: tuple[Any, ...]
@@ -283,7 +283,7 @@ def test_a_session_of_a_sound_axis_lacks_nothing(
     assert document["gap"]["before"]["held_out"] is None
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_a_session_shows_to_be_wrong_is_named(preload: Any, tmp_path: Path) -> None:
     path, session, wrong = MODELS / "lumped.toml", tmp_path / "trial.session.h5", tmp_path / "wrong.toml"
     preload("simulate", path, "--out", session, "--preload-n", 200)
@@ -312,7 +312,7 @@ def motion() -> MotionRecord:
     return simulated_record(Truth(coulomb=FRICTION))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_friction_is_named_from_a_motion_of_force_or_of_torque(
     preload: Any, motion: MotionRecord, tmp_path: Path
 ) -> None:

@@ -63,7 +63,7 @@ def test_form_of_the_type_is_no_finding(preload: Any, inputs: Path) -> None:
     assert (beside["outcome"], beside["effects"]) == ("none", [])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_one_machine_has_beyond_it_is_named(preload: Any, inputs: Path) -> None:
     words = ("explain", inputs / "stiffer.frf.h5", "--baseline", inputs / "type.toml", "--json")
     files = [word for path in sorted((inputs / "healthy").glob("*.h5")) for word in ("--healthy", path)]

@@ -88,7 +88,7 @@ def test_the_bundled_table_is_that_of_the_paper() -> None:
         )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_joints_of_the_published_axis(published: tuple[dict[str, Any], Path]) -> None:
     document, _ = published
     joints = document["parameters"]
@@ -122,7 +122,7 @@ def _said(document: dict[str, Any]) -> list[str]:
     return sentences
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_the_published_peaks_leave_open_is_said(published: tuple[dict[str, Any], Path]) -> None:
     document, _ = published
     sentences = _said(document)
@@ -137,7 +137,7 @@ def test_what_the_published_peaks_leave_open_is_said(published: tuple[dict[str, 
     np.testing.assert_allclose(np.diag(correlations), 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_published_positions_predict_the_others(published: tuple[dict[str, Any], Path]) -> None:
     document, _ = published
     held_out = document["held_out"]
@@ -153,7 +153,7 @@ def test_published_positions_predict_the_others(published: tuple[dict[str, Any],
         assert error["error_percent"] == pytest.approx(100.0 * (error["predicted_hz"] / error["measured_hz"] - 1.0))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_objective_says_what_it_rests_on(published: tuple[dict[str, Any], Path]) -> None:
     objective = published[0]["objective"]
     assert (objective["kind"], objective["positions_mm"]) == ("peaks", [600.0, 1000.0, 1600.0])
@@ -164,7 +164,7 @@ def test_the_objective_says_what_it_rests_on(published: tuple[dict[str, Any], Pa
     assert objective["eq_26"] > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_order_four_at_its_most_sensitive_is_to_be_monitored(published: tuple[dict[str, Any], Path]) -> None:
     best, *others = published[0]["modes_to_monitor"]
     assert (best["mode"], best["position_mm"]) == (4, 1300.0)  # published: 2.4 times as sensitive as at 600 mm
@@ -178,7 +178,7 @@ def test_order_four_at_its_most_sensitive_is_to_be_monitored(published: tuple[di
     assert by_nut[0] < nut["standard_uncertainty"] / nut["value"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_written_model_is_the_one_that_was_found(published: tuple[dict[str, Any], Path]) -> None:
     document, out = published
     assert out.read_text(encoding="utf-8") == document["model"]
@@ -204,7 +204,7 @@ def test_the_written_model_is_the_one_that_was_found(published: tuple[dict[str, 
 # --- which joints are free
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_uncertain_frees_only_what_it_names(preload: Any, tmp_path: Path) -> None:
     model = model_file(tmp_path, "nut.toml", "nut_stiffness_n_per_m")
     found = preload("identify", PEAKS, "--model", model, "--hold-out-mm", 800, "--json").json()
@@ -243,7 +243,7 @@ def responses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_responses_give_the_axis_back(preload: Any, responses: Path) -> None:
     document = preload("identify", responses, "--model", MODEL, "--json").json()
     truth = read_model_file(MODEL).parameters
@@ -264,7 +264,7 @@ def test_responses_give_the_axis_back(preload: Any, responses: Path) -> None:
     assert document["missing_modes"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_table_of_wrong_mass_is_called_a_lack_of_fit(preload: Any, responses: Path, tmp_path: Path) -> None:
     heavy = model_file(tmp_path, "heavy.toml", "nut_stiffness_n_per_m", table_mass_kg=1.05 * 272)
     words = ("identify", responses, "--model", heavy, "--hold-out-mm", 1000)
@@ -280,7 +280,7 @@ def test_a_table_of_wrong_mass_is_called_a_lack_of_fit(preload: Any, responses: 
     assert "none: lack of fit" in preload(*words).out
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_simulated_session_gives_its_stiffnesses_back(preload: Any, tmp_path: Path) -> None:
     session = tmp_path / "axis.session.h5"
     words = ("simulate", MODEL, "--out", session, "--position-mm", 600, 1000, 1600, "--windows", 10)
@@ -376,7 +376,7 @@ def own_effects(tmp_path: Path) -> Path:
     return own
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_joints_are_identified_beside_the_effects_of_a_model(preload: Any, tmp_path: Path, own_effects: Path) -> None:
     """The modes of a machine with an effect give its nut back to a model that states the effect, and to no other."""
     text, effect = (MODEL.parent / "hybrid.toml").read_text(encoding="utf-8"), OWN_EFFECT
@@ -437,7 +437,7 @@ def test_the_papers_objective_is_of_a_model_without_effects(preload: Any, tmp_pa
     assert_refused(answer, "Eq. (26) compares peaks with a model of the receptance family; got one with the effect")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_one_preload_for_all_is_that_of_the_nut(preload: Any, tmp_path: Path) -> None:
     model = model_file(tmp_path, "nut.toml", "nut_stiffness_n_per_m")
     rows = [line.split(",") for line in PEAKS.read_text(encoding="utf-8").split()[1:]]

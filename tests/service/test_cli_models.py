@@ -114,7 +114,7 @@ def test_numbers_after_an_equals_sign_were_an_unexpected_argument(preload: Any, 
 # --- simulate --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_simulated_session_goes_the_whole_road(preload: Any, tmp_path: Path, name: str) -> None:
     model = MODELS / f"{name}.toml"
@@ -133,7 +133,7 @@ def test_a_simulated_session_goes_the_whole_road(preload: Any, tmp_path: Path, n
         assert item["position_mm"] == pytest.approx(truth["position_mm"])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_calibrate_on_a_simulated_session(preload: Any, tmp_path: Path) -> None:
     """Eq. (8) of Nguyen et al. holds exactly for his model, so that the preloads of a second session come back."""
     session, other = tmp_path / "calibration.session.h5", tmp_path / "other.session.h5"

@@ -96,7 +96,7 @@ def test_a_prediction_alone_estimates_with_its_own_uncertainty(preload: Any, tab
     assert all(e["interval_95_n"][0] < 0.5 * f["interval_95_n"][0] for e, f in zip(alone, fitted, strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_does_not_go_with_a_prior_is_refused(
     preload: Any, table_of: Any, predicted: Path, session: Path, tmp_path: Path
 ) -> None:
@@ -111,7 +111,7 @@ def test_what_does_not_go_with_a_prior_is_refused(
     assert_refused(of_another_axis, "the readings contradict the prior (predicted.json)")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_session_joins_its_own_calibration(preload: Any, session: Path, tmp_path: Path) -> None:
     first = tmp_path / "first.json"
     once = preload("calibrate", session, "--band-hz", 140, 230, "--out", first, "--json").json()

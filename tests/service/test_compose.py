@@ -189,7 +189,7 @@ def service(name: str, database: str, folder: Path) -> Iterator[tuple[int, subpr
         yield port, process
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_path: Path) -> None:
     with ExitStack() as stack:
         (first, _), (second, dying) = (

@@ -251,7 +251,7 @@ def said_of(session: DatabaseSession, measurement_id: int, started_at: datetime)
     return said | {"outcome": outcome, "response": document.response, "monitor_state": point.state}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_prepared_statements_read_what_mapped_rows_hold(database_url: str, tmp_path: Path) -> None:
     with running_service(tmp_path / "var", database_url=database_url) as api:
         fill(api)

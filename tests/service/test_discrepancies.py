@@ -82,7 +82,7 @@ def wait_until_progress(api: Api, job_id: str) -> None:
 # --- the job
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_result_is_the_json_of_the_command_and_the_report_stays(preload: Any, tmp_path: Path) -> None:
     with running_service(tmp_path / "var") as api:
         api.register("peaks")
@@ -124,7 +124,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_stored_measurements_are_explained_as_those_of_the_session(
     shared_api: Api, preload: Any, session: Path, tmp_path: Path
 ) -> None:
@@ -151,7 +151,7 @@ def test_stored_measurements_are_explained_as_those_of_the_session(
     assert f">{keys}</td>" in shared_api.http.get("/axes/stored").text
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_cancelled_search_ends_at_once_and_makes_room(shared_api: Api) -> None:
     shared_api.register("cancelled")
     others = set(multiprocessing.active_children())
@@ -172,7 +172,7 @@ def test_cancelled_search_ends_at_once_and_makes_room(shared_api: Api) -> None:
     shared_api.http.post(f"/v1/jobs/{other}/cancel")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_search_that_dies_fails_its_job_with_a_sentence(shared_api: Api) -> None:
     shared_api.register("killed")
     others = set(multiprocessing.active_children())
@@ -184,7 +184,7 @@ def test_search_that_dies_fails_its_job_with_a_sentence(shared_api: Api) -> None
     assert "the process of the search ended by itself, exit code -9" in failed["error"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_only_shows_in_the_search_fails_the_job_with_a_sentence(shared_api: Api, session: Path) -> None:
     shared_api.register("late", windows_per_measurement=N_WINDOWS, search_band_hz=[80, 150])
     shared_api.accept("late", list(read_session(session).windows))
@@ -249,7 +249,7 @@ def test_unknown_axis_is_refused(shared_api: Api) -> None:
     assert shared_api.http.get("/v1/jobs", params={"axis": "nobody"}).json()["jobs"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_report_is_of_a_finished_discrepancy_of_this_axis(shared_api: Api) -> None:
     for axis in ("mine", "other"):
         shared_api.register(axis)

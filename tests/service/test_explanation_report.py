@@ -371,7 +371,7 @@ def test_what_is_not_known_is_null() -> None:
 # --- the page --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("outcome", Outcome)
 def test_page_is_well_formed_and_needs_nothing_else(outcome) -> None:
     text = explanation_page(EXAMPLES[outcome], MODEL, SUBJECT)
@@ -384,7 +384,7 @@ def test_page_is_well_formed_and_needs_nothing_else(outcome) -> None:
     assert "nan" not in " ".join(str(value) for _, found in page.elements for value in found.values()).split()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("outcome", Outcome)
 def test_pictures_say_what_they_show(outcome) -> None:
     page = page_of(EXAMPLES[outcome])
@@ -396,7 +396,7 @@ def test_pictures_say_what_they_show(outcome) -> None:
         assert set(str(picture["aria-labelledby"]).split()) <= set(names)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("outcome", Outcome)
 def test_numbers_of_the_page_are_those_of_the_record(outcome) -> None:
     example = EXAMPLES[outcome]
@@ -476,7 +476,7 @@ def test_verdict_comes_first_and_says_what_it_rests_on() -> None:
         assert text.index(str(outcome)) < text.index("Gap before and after")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("outcome", "holds"),
     [(Outcome.NAMED, "holds on the data it was chosen by. It does not"),

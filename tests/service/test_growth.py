@@ -90,7 +90,7 @@ def costs(folder: Path, n_measurements: int) -> dict[str, int]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_cost_does_not_grow_with_the_history(tmp_path: Path) -> None:
     short, long = costs(tmp_path / "short", SHORT), costs(tmp_path / "long", LONG)
     grown = {name: (short[name], long[name]) for name in short if long[name] > MOST_GROWTH * short[name] + MOST_MORE}

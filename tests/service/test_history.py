@@ -42,7 +42,7 @@ def history(api: Api, axis: str) -> dict[str, Any]:
     return dict(answer.json())
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_healthy_season_gives_baseline_line_and_rate(old: Api) -> None:
     found = history(old, "old")
     assert old.axis("old")["state"] == "normal"
@@ -63,7 +63,7 @@ def test_a_healthy_season_gives_baseline_line_and_rate(old: Api) -> None:
     assert rate["sentence"] in old.http.get("/axes/old").text
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_old_sister_lends_a_young_axis_its_scatter(old: Api) -> None:
     old.calibrate("young")
     watch(old, "young", np.random.default_rng(4), [300.0] * 10)
@@ -85,7 +85,7 @@ def test_an_axis_without_calibration_has_no_history(old: Api) -> None:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_what_an_inspection_clears_is_part_of_the_history(api: Api) -> None:
     api.register("worn", **SETTINGS)
     api.calibrate("worn")
@@ -102,7 +102,7 @@ def test_what_an_inspection_clears_is_part_of_the_history(api: Api) -> None:
     assert history(api, "worn")["baseline"]["size"] > 20  # scatter and dependence are known still
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_scatter_that_the_calibration_did_not_know_widens_the_interval(api: Api) -> None:
     api.register("restless", **SETTINGS)
     api.calibrate("restless")

@@ -53,7 +53,7 @@ def start(api: Api, axis: str, **body: Any) -> dict[str, Any]:
 # --- the job
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_result_is_the_json_of_the_command(shared_api: Api, tmp_path: Path) -> None:
     shared_api.register("peaks")
     model = model_file(tmp_path, "nut.toml", "nut_stiffness_n_per_m")
@@ -83,7 +83,7 @@ def test_result_is_the_json_of_the_command(shared_api: Api, tmp_path: Path) -> N
     )  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_stated_uncertainty_of_peaks_reaches_the_result(shared_api: Api) -> None:
     shared_api.register("stated")
     axis, fourth = tian.axis(), []
@@ -115,7 +115,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_joints_from_stored_measurements_are_those_of_the_session(
     shared_api: Api, session: Path, tmp_path: Path
 ) -> None:
@@ -138,7 +138,7 @@ def test_joints_from_stored_measurements_are_those_of_the_session(
     assert "got 1600 mm" in failed["error"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_cancelled_identification_makes_room(shared_api: Api) -> None:
     shared_api.register("cancelled")
     job = start(shared_api, "cancelled", model=TEXT, peaks=published_peaks())
@@ -151,7 +151,7 @@ def test_cancelled_identification_makes_room(shared_api: Api) -> None:
     assert "parameters" not in (first["result"] or {})
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_joints_that_all_end_at_a_limit_fail_the_job_with_a_sentence(shared_api: Api) -> None:
     shared_api.register("narrow")
     limits = {"nut_stiffness_n_per_m": [1.2e9, 1.3e9]}

@@ -244,7 +244,7 @@ def test_silent_axis_is_unknown(shared_api: Api) -> None:
     assert axis["state_since"].startswith("2025-03-03T06:00:00")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_restart_keeps_everything(tmp_path: Path) -> None:
     rng = np.random.default_rng(12)
     windows = simulated_measurement(rng, "m1")

@@ -93,7 +93,7 @@ def test_pages_show_how_far_a_replay_at_work_is(replaying: Api) -> None:
     replaying.http.post(f"/v1/jobs/{job_id}/cancel")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_waiting_replay_is_cancelled_soon(replaying: Api) -> None:
     job_id = start(replaying, "short", speed=1.0)["id"]  # in real time: the second measurement comes in a minute
     wait_for(replaying, job_id, "running", done=N_WINDOWS)
@@ -108,7 +108,7 @@ def test_waiting_replay_is_cancelled_soon(replaying: Api) -> None:
     assert replaying.http.post(f"/v1/jobs/{job_id}/cancel").json() == job  # once more changes nothing
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_stop_interrupts_a_replay_and_the_next_start_resumes_it(tmp_path: Path, replay_dir: Path) -> None:
     with running_service(tmp_path, replay_dir=replay_dir) as api:
         api.register("axis", windows_per_measurement=N_WINDOWS)

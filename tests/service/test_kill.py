@@ -117,7 +117,7 @@ def errors_in_logs(folder: Path) -> list[str]:
     return [line for line in lines if '"level": "ERROR"' in line]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_kills_lose_nothing_acknowledged(tmp_path: Path, fork_server: Callable[..., ServerProcess]) -> None:
     measurements = recorded_session()
     sessions = tmp_path / "sessions"

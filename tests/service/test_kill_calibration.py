@@ -85,7 +85,7 @@ def left(data_dir: Path) -> tuple[tuple[str, str | None], list[str]]:
         return job, [document for (document,) in database.execute("SELECT document FROM calibrations")]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_fit_that_is_killed_at_any_step_gives_one_calibration(prepared: Path, tmp_path: Path) -> None:
     """Neither none nor, where the kill falls between the calibration and the word of it, two."""
     queued(tmp_path / "calm", prepared)
@@ -135,7 +135,7 @@ def n_killed(prepared: Path, data_dir: Path, fork_server: Callable[..., ServerPr
     return n_kills
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_service_that_is_killed_goes_on_with_its_fit(
     prepared: Path, tmp_path: Path, fork_server: Callable[..., ServerProcess]
 ) -> None:

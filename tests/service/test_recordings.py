@@ -730,7 +730,7 @@ def test_window_that_contradicts_a_stored_one_fails_the_job_and_says_which(takin
     assert taking.http.delete(f"/v1/axes/axis/recordings/{job['arguments']['recording']}").json()["windows_stay"] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_kill_at_any_moment_loses_no_recording_that_was_answered(
     tmp_path: Path, fork_server: Callable[..., ServerProcess]
 ) -> None:
@@ -1024,7 +1024,7 @@ with embedded_service(Settings(data_dir=folder / "var", port=0)) as url:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_large_session_is_taken_measurement_by_measurement_with_flat_memory(tmp_path: Path) -> None:
     """A session of 384 MiB, window by window refused (a dead response), so that judging takes no memory of its own."""
     rng = np.random.default_rng(1)
@@ -1052,7 +1052,7 @@ def test_large_session_is_taken_measurement_by_measurement_with_flat_memory(tmp_
     assert peak - before + reader < 160 * MIB, (peak - before) / MIB
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_raw_file_takes_three_times_its_size_at_most(tmp_path: Path) -> None:
     """Arrays of float32, refused window by window as above: what remains is the reading and the session."""
     noise = np.random.default_rng(1).standard_normal((96, 2**17)).astype("f4")

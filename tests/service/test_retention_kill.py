@@ -63,7 +63,7 @@ def purge_until(data_dir: Path, step: int, counted: Any) -> None:
     sys.setprofile(None)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_purge_that_is_killed_again_and_again_ends_as_one_that_is_not(
     prepared: tuple[Path, History], tmp_path: Path
 ) -> None:
@@ -107,7 +107,7 @@ def unsettled(data_dir: Path) -> set[str]:
         return {path for (path,) in connection.execute("SELECT path FROM unsettled_files")}
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_service_that_is_killed_goes_on_with_its_purge(
     prepared: tuple[Path, History], tmp_path: Path, fork_server: Callable[..., ServerProcess]
 ) -> None:

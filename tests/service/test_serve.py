@@ -31,7 +31,7 @@ def run_serve(*words: str | Path, **environment: str) -> subprocess.CompletedPro
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_port_in_use_is_one_line(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -42,7 +42,7 @@ def test_port_in_use_is_one_line(tmp_path: Path) -> None:
     assert not (tmp_path / "var").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_database_that_is_not_there_ends_the_start(tmp_path: Path) -> None:
     url = f"postgresql+psycopg://user:secret@127.0.0.1:{free_port()}/none"
     done = run_serve("--port", "0", "--data-dir", tmp_path, PRELOAD_DATABASE_URL=url)
@@ -72,7 +72,7 @@ def test_address_is_printed_once_the_service_listens(
     assert server.is_up()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_starts_beside_unknown_variables_and_stops_soon_while_a_job_runs(
     tmp_path: Path, start_server: Callable[..., ServerProcess]
 ) -> None:

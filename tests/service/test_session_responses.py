@@ -30,7 +30,7 @@ def responses(folder: Path, temperatures: Sequence[float | None]) -> SessionResp
     return responses_of_data(Data((path,), DataKind.SESSION, None), axis_settings(None))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("temperatures", "deviations", "sentence"),
     [
@@ -49,7 +49,7 @@ def test_temperatures_are_counted_from_their_median_to_the_kelvin(
     assert not any(observation.placed for observation in found.observations)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("stated", "reaches"), [((140.0, 230.0), None), ((10.0, 230.0), 10.0)])
 def test_band_of_the_mode_does_not_leave_out_lines(stated: tuple[float, float], reaches: float | None) -> None:
     """It may reach lower, where a mode lies below what is looked at by itself; never less far."""
@@ -67,7 +67,7 @@ def test_band_of_the_mode_does_not_leave_out_lines(stated: tuple[float, float], 
             assert reaches <= with_band.frequency[0] < bare.frequency[0]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_measurements_that_are_left_out_are_counted(tmp_path: Path) -> None:
     whole = read_session(PROJECT_ROOT / "replay_data" / "calibration.session.h5")
     first, second, third = whole.measurements[:3]

@@ -65,7 +65,7 @@ def from_many(url: str, folder: Path, windows: list[Window], n_services: int) ->
         return statuses, said(apis[-1], url)
 
 
-@pytest.mark.parametrize("n_services", [2, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_services", [2, pytest.param(4, marks=pytest.mark.release)])
 def test_services_say_what_one_says_and_send_nobody_away(
     of_one: object, url: str, windows: list[Window], tmp_path: Path, n_services: int
 ) -> None:
@@ -88,7 +88,7 @@ def test_without_the_lock_senders_are_sent_away(
     assert 503 in statuses
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_without_the_lock_and_revisions_something_else_is_said(
     of_one: object, url: str, windows: list[Window], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

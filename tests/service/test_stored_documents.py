@@ -124,7 +124,7 @@ def test_a_damaged_version_keeps_no_service_from_starting(tmp_path: Path, versio
     assert stored(tmp_path, "monitor_state") == damaged_state
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_charts_of_an_older_version_are_folded_again_from_what_was_measured(tmp_path: Path) -> None:
     def said(api: Api) -> dict[str, object]:
         alarms = api.http.get("/v1/alarms", params={"axis": "broken"}).json()["alarms"]

@@ -337,7 +337,7 @@ def test_the_line_of_independent_sessions_without_season_is_least_squares():
     assert line.n_sessions == 60
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.8])
 def test_the_interval_of_the_slope_covers_it_however_the_days_depend_on_each_other(correlation):
     rng, inside = np.random.default_rng(7), 0

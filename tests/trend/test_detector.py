@@ -62,7 +62,7 @@ def watching():
 # --- false alarms ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("row", ["independent", "AR(1) 0.5", "shop", "5 a day", "lubrication, 1 down, torque"])
 def test_healthy_axes_have_the_stated_rate_of_false_alarms_however_their_days_depend_on_each_other(row):
     """The benchmark of this name draws 300 axes in each of its rows."""
@@ -72,7 +72,7 @@ def test_healthy_axes_have_the_stated_rate_of_false_alarms_however_their_days_de
     assert lower <= alarms <= upper
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("row", ["independent", "AR(1) 0.5"])
 def test_residuals_of_a_healthy_axis_are_standard_normal_and_independent(row):
     residuals = []
@@ -87,7 +87,7 @@ def test_residuals_of_a_healthy_axis_are_standard_normal_and_independent(row):
     assert lagged.mean() == pytest.approx(0.0, abs=3.0 / 60.0 + 0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_rate_found_on_the_history_of_an_axis_covers_the_stated_one():
     the_design, covered = design(loss=LossDirection.RISE), 0
     for axis in range(20):

@@ -258,7 +258,7 @@ def test_sessions_that_teach_nothing_say_nothing_however_many_they_are(doubt):
     assert state.charts.lasting.log_evidence < math.log(22.0)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_healthy_axis_is_alarmed_by_all_sessions_together_at_most_as_often_as_a_martingale_allows():
     """R exceeds A within n sessions in n of A cases at most (Doob)."""
     rng, n, level = np.random.default_rng(10), 120, 1000.0
@@ -270,7 +270,7 @@ def test_a_healthy_axis_is_alarmed_by_all_sessions_together_at_most_as_often_as_
     assert beyond <= stats.binom.ppf(0.999, 150, n / level)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_few_steps_of_two_standard_deviations_are_missed_in_a_shop(monkeypatch):
     """The benchmark of false alarms draws 300: 1.3 %. Here those of 150 that the charts alone miss, found by a half."""
 

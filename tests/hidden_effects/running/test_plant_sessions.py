@@ -20,7 +20,7 @@ BUNDLED = Path(__file__).parents[3] / "replay_data"
 USUAL_TEMPERATURE = 22.0  # of the bundled sessions [°C]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("truth", ["none", "preload"])
 def test_worn_nut_is_named_and_a_healthy_axis_is_left_alone(truth: str) -> None:
     few = trials(100, {truth: HAPPENINGS[truth]}, positions=(0.15, 0.30, 0.45, 0.60, 0.75), days=(2, 1))
@@ -33,13 +33,13 @@ def test_worn_nut_is_named_and_a_healthy_axis_is_left_alone(truth: str) -> None:
         assert size.standard_uncertainty < 15.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("session", "outcome", "cause", "size"),
     [
         ("healthy-month", Outcome.NONE, Cause.NONE, None),
         pytest.param(  # 4.3 N a day: the mean of days 21 to 28 of the wear
-            "slow-wear", Outcome.NAMED, Cause.PRELOAD, -105.0, marks=pytest.mark.slow
+            "slow-wear", Outcome.NAMED, Cause.PRELOAD, -105.0, marks=pytest.mark.release
         ),
         ("sudden-loss", Outcome.NAMED, Cause.PRELOAD, -100.0),
     ],
@@ -74,7 +74,7 @@ def _with_its_temperature(modal: ModalMeasurement) -> FrequencyResponseObservati
     return replace(response, conditions=replace(response.conditions, temperature_deviation=deviation))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_every_cause_is_named() -> None:
     """On one machine; benchmarks/running_axis.py has twenty, with more positions and days."""
     found = list(trials(101, HAPPENINGS | OUTSIDE, positions=(0.15, 0.30, 0.45, 0.60, 0.75), days=(3, 1)))
