@@ -1,4 +1,4 @@
-"""Connect to the database: SQLite in WAL mode by default, PostgreSQL by URL; migrate at start."""
+"""Connect to the database: SQLite in WAL mode by default, PostgreSQL by URL."""
 
 import sqlite3
 from collections.abc import Iterator, Sequence
@@ -8,10 +8,6 @@ from pathlib import Path
 from typing import Any, cast
 from weakref import WeakKeyDictionary
 
-from alembic import command
-from alembic.config import Config
-from alembic.migration import MigrationContext
-from alembic.script import ScriptDirectory
 from pydantic_core import from_json
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import make_url
@@ -20,12 +16,12 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.orm import Session
 from sqlalchemy.orm.exc import StaleDataError
 
-from service.errors import BusyError, DataFolderError, StorageError
+from service.errors import BusyError, StorageError
 from service.json_types import Json
 from service.store.safekeeping.database_file import database_file
+from service.store.schema import VERSION, bring_up_to_date
 from service.store.service_order import AxisLocks, is_shared, keep_others_out, lock_axis, lock_free_axes, require_schema
 
-MIGRATIONS = Path(__file__).parent / "migrations"
 #: One for each of the worker threads that answer requests (40, starlette's default), and a few for jobs.
 CONNECTIONS = 48
 #: A writer waits so long for the one before it.
@@ -54,7 +50,7 @@ class Database:
         #: Open to the file, and used by nobody now: the engine takes as long to give one as to read a row or two.
         self._idle: list[Connection] = []
         self._locks = AxisLocks()
-        self._schema: str | None = None  # that this program writes, as soon as it has migrated to it
+        self._schema: str | None = None  # that this program writes, as soon as it is brought up to date
 
     @contextmanager
     def connect(self) -> Iterator[Connection]:
@@ -163,20 +159,17 @@ class Database:
             require_schema(connection, self._schema)
 
     def migrate(self) -> None:
-        """Bring the schema to the newest version.
+        """Make the tables, or bring those of an older program up to date.
 
-        Raises DataFolderError if it is newer than this program, or of another one; then nothing is changed.
+        Raises DataFolderError if the schema is of a newer program, of another one, or too old; then nothing is changed.
         """
         if self.file is not None:
             self.file.require_ours()
         with self.connect() as connection, writing(connection):
-            if is_shared(connection):  # two services starting together must not both migrate
+            if is_shared(connection):  # two services starting together must not both do it
                 keep_others_out(connection)
-            config = alembic_config(connection)
-            scripts = ScriptDirectory.from_config(config)
-            _require_known(connection, scripts)
-            command.upgrade(config, "head")
-        self._schema = scripts.get_current_head()
+            bring_up_to_date(connection)
+        self._schema = VERSION
         if self.file is not None:
             self.file.remember()
 
@@ -280,25 +273,6 @@ def _translated(driver: Any) -> Iterator[None]:  # noqa: ANN401 - a module, whic
         if getattr(cause, "sqlite_errorname", "").startswith(_DAMAGED):
             raise StorageError(f"the database is damaged ({reason}); restore the backup and restart") from error
         raise StorageError(f"the database refused: {reason}; send the request again") from error
-
-
-def _require_known(connection: Connection, scripts: ScriptDirectory) -> None:
-    """Refuse a schema that no migration of this program leads to."""
-    known = [script.revision for script in scripts.walk_revisions()]
-    for revision in MigrationContext.configure(connection).get_current_heads():
-        if revision not in known:
-            raise DataFolderError(
-                f"the schema of the database is of version {revision}, and this program knows those to {max(known)}: "
-                "start the newer program that it was used with, or restore the backup from before the upgrade"
-            )
-
-
-def alembic_config(connection: Connection) -> Config:
-    """Return Alembic's configuration on an open connection; there is no ini file."""
-    config = Config()
-    config.set_main_option("script_location", str(MIGRATIONS))
-    config.attributes["connection"] = connection
-    return config
 
 
 def document_of(stored: str | None) -> Json:

@@ -1,6 +1,6 @@
 """Keep what works at an axis in order: one thread of a service at a time, and one service on a shared PostgreSQL.
 
-No service works while another one migrates. The locks between services are PostgreSQL's advisory locks of a
+No service works while another one upgrades the schema. The locks between services are PostgreSQL's advisory locks of a
 transaction: they end with it, and with the connection of a service that was killed. The embedded database needs none:
 one process has its file.
 """
@@ -17,9 +17,10 @@ from sqlalchemy.orm import Session
 
 from service.clock import now
 from service.errors import StorageError
+from service.store.tables import VERSION_TABLE
 
-#: Who migrates holds it alone, who writes holds it with others.
-_MIGRATION = 7102018
+#: Who upgrades the schema holds it alone, who writes holds it with others.
+_UPGRADE = 7102018
 #: First key of the locks of axes; the second one is a hash of the name. Two axes of one hash wait for each other.
 _AXES = 7102019
 
@@ -28,7 +29,7 @@ _TRY_AXES = text(
     f"SELECT hash, pg_try_advisory_xact_lock({_AXES}, hash) FROM unnest(CAST(:hashes AS integer[])) AS hash"  # noqa: S608
 )
 # Two statements in one message: the second one sees what was committed while the first one waited.
-_ENTER = f"SELECT pg_advisory_xact_lock_shared({_MIGRATION}); SELECT version_num FROM alembic_version"  # noqa: S608
+_ENTER = f"SELECT pg_advisory_xact_lock_shared({_UPGRADE}); SELECT version_num FROM {VERSION_TABLE}"  # noqa: S608
 
 
 class AxisLocks:
@@ -57,13 +58,13 @@ def is_shared(connection: Connection) -> bool:
 
 
 def keep_others_out(connection: Connection) -> None:
-    """Wait until no other service migrates or writes, however long; until the transaction ends none does."""
+    """Wait until no other service upgrades the schema or writes, however long; until the transaction ends none does."""
     connection.execute(text("SET LOCAL lock_timeout = 0"))
-    connection.execute(text(f"SELECT pg_advisory_xact_lock({_MIGRATION})"))
+    connection.execute(text(f"SELECT pg_advisory_xact_lock({_UPGRADE})"))
 
 
 def require_schema(connection: Connection, version: str) -> None:
-    """Keep others from migrating until the transaction ends.
+    """Keep others from upgrading the schema until the transaction ends.
 
     Raises StorageError if the schema is not of this version any more.
     """
@@ -75,7 +76,7 @@ def require_schema(connection: Connection, version: str) -> None:
     if found != version:
         raise StorageError(
             f"the schema of the database is of version {found} now, and this program writes version {version}: a "
-            "service of another version has migrated it; stop this one, and start that version here, too"
+            "service of another version has upgraded it; stop this one, and start that version here, too"
         )
 
 

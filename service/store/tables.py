@@ -11,6 +11,7 @@ from sqlalchemy import (
     Index,
     Integer,
     MetaData,
+    PrimaryKeyConstraint,
     String,
     Text,
     UniqueConstraint,
@@ -67,8 +68,8 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 NullableJson = JSON(none_as_null=True)
 #: SQLite only counts up an INTEGER primary key.
 Identity = BigInteger().with_variant(Integer, "sqlite")
-
-
+#: Every version of the schema has it: older programs, whose migrations Alembic ran, read theirs from it, too.
+VERSION_TABLE = "alembic_version"
 #: How often something happened, by its named reason.
 CountsByReason = dict[str, int]
 
@@ -81,7 +82,7 @@ def _partial_index(name: str, *columns: str, where: str) -> Index:
 class Base(DeclarativeBase):
     """Root of the tables."""
 
-    # Constraints have names, so that a later migration can change them on every database.
+    # Constraints have names, so that a later step can change them on every database.
     metadata = MetaData(
         naming_convention={
             "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -91,6 +92,15 @@ class Base(DeclarativeBase):
         }
     )
     type_annotation_map = {datetime: UtcDateTime, JsonObject: NullableJson, CountsByReason: JSON, float: Float}  # noqa: RUF012 - SQLAlchemy's own hook
+
+
+class VersionRow(Base):
+    """The one row that says of which version the schema is."""
+
+    __tablename__ = VERSION_TABLE
+    __table_args__ = (PrimaryKeyConstraint("version_num", name=f"{VERSION_TABLE}_pkc"),)
+
+    version_num: Mapped[str] = mapped_column(String(32))
 
 
 class AxisRow(Base):

@@ -179,7 +179,7 @@ def test_locked_database_leaves_the_process_alive_and_not_ready(api: Api) -> Non
         problem = assert_problem(api.http.get("/readyz"), 503, "storage-failed")
         assert time.monotonic() - asked < 5.0
         holder.rollback()
-    assert slowest < 0.1
+    assert slowest < 5.0  # a post waits for the lock for 30 s
     assert "database is locked" in problem["detail"]
     for thread in posting:
         thread.join()

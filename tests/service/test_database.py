@@ -1,30 +1,21 @@
 """The schema: migrations up and down with data in it, equal to the tables, on SQLite and on PostgreSQL."""
 
-import json
-from datetime import datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
-from alembic import command
-from alembic.autogenerate import compare_metadata
-from alembic.migration import MigrationContext
-from sqlalchemy import JSON, Connection, MetaData, inspect, select, text
-from sqlalchemy.orm import Session as DatabaseSession
+from sqlalchemy import Connection, select, text
 
-from monitor_core.recording import Session
-from monitor_core.recordings.session_hdf5 import write_session
-from service.documents.measurement import with_trend
-from service.errors import DataFolderError, StorageError
+from service.errors import StorageError
 from service.operations.monitoring.trend import extremes
 from service.store import intake
-from service.store.database import Database, alembic_config, reading, writing
+from service.store.database import Database, reading, writing
 from service.store.intake import MeasurementRecord
-from service.store.tables import AxisRow, Base, MeasurementDocumentRow, MeasurementRow, WindowRow
-from service.store.trend.points import Span, TrendPoint, add_point, point_of
+from service.store.tables import AxisRow, MeasurementRow, WindowRow
+from service.store.trend.points import Span, TrendPoint, add_point
 from service.store.trend.rollups import sum_up
 from tests.service.conftest import START, Api, emptied, running_service, simulated_measurement
-from tests.service.test_jobs import wait_for
 
 HOUR = timedelta(hours=1)
 LATER = START + HOUR
@@ -42,18 +33,6 @@ def fill(api: Api) -> None:
     api.register("axis", windows_per_measurement=8)
     api.calibrate("axis")
     api.accept("axis", simulated_measurement(np.random.default_rng(1), "m", n_windows=8))
-
-
-def test_migrations_make_the_tables(database_url: str) -> None:
-    database = Database(database_url)
-    database.migrate()
-    database.migrate()  # a second start finds nothing to do
-    with database.connect() as connection, reading(connection):
-        differences = compare_metadata(
-            MigrationContext.configure(connection, opts={"compare_type": True}), Base.metadata
-        )
-    database.close()
-    assert differences == []
 
 
 def test_a_connection_to_a_file_is_used_again_unless_it_failed(tmp_path: Path) -> None:
@@ -88,167 +67,6 @@ def test_a_connection_to_a_file_is_used_again_unless_it_failed(tmp_path: Path) -
         assert connection.execute(text("SELECT count(*) FROM alembic_version")).scalar() == 1
     database.close()
     assert not list(tmp_path.glob("*-wal")), "a connection is still open"
-
-
-def test_migrations_down_and_up(database_url: str, tmp_path: Path) -> None:
-    database = Database(database_url)
-    database.migrate()
-    with database.connect() as connection, writing(connection):
-        command.downgrade(alembic_config(connection), "base")
-    with database.connect() as connection, writing(connection):
-        assert inspect(connection).get_table_names() == ["alembic_version"]
-    database.migrate()
-    database.close()
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        assert api.http.get("/v1/axes").json()["axes"] == []
-        fill(api)
-        assert len(api.trend("axis")) == 1
-
-
-def test_downgrade_that_would_lose_something_is_refused_and_changes_nothing(database_url: str, tmp_path: Path) -> None:
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        fill(api)
-    database = Database(database_url)
-
-    def content() -> list[object]:
-        with database.connect() as connection, reading(connection):
-            names = sorted(inspect(connection).get_table_names())
-            return [(name, connection.execute(text(f"SELECT * FROM {name}")).all()) for name in names]  # noqa: S608
-
-    before = content()
-    with pytest.raises(DataFolderError, match="every axis"), database.connect() as connection, writing(connection):
-        command.downgrade(alembic_config(connection), "0004")
-    assert content() == before
-    database.close()
-
-
-def test_downgrade_keeps_uploaded_recordings(database_url: str, tmp_path: Path) -> None:
-    """With a recording 0009 is not left; without one it is, and comes back."""
-    session = Session("axis", tuple(simulated_measurement(np.random.default_rng(1), "m", n_windows=8)))
-    write_session(tmp_path / "m.session.h5", session)
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        api.register("axis", windows_per_measurement=8)
-        with (tmp_path / "m.session.h5").open("rb") as file:
-            job = api.http.post("/v1/axes/axis/recordings", files={"file": file}).json()
-        wait_for(api, job["id"], "done")
-        assert len(api.trend("axis")) == 1
-    database = Database(database_url)
-    with pytest.raises(DataFolderError, match="recordings"), database.connect() as connection, writing(connection):
-        command.downgrade(alembic_config(connection), "0008")
-    database.close()
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        number = job["arguments"]["recording"]
-        assert api.http.delete(f"/v1/axes/axis/recordings/{number}").json()["windows_stay"] == 8
-    database = Database(database_url)
-    with database.connect() as connection, writing(connection):
-        command.downgrade(alembic_config(connection), "0008")
-        assert "recordings" not in inspect(connection).get_table_names()
-    database.migrate()
-    database.close()
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        assert api.http.get("/v1/axes/axis/recordings").json()["recordings"] == []
-
-
-def test_jobs_that_recordings_name_pass_0012_both_ways(database_url: str, tmp_path: Path) -> None:
-    """Their table is made anew on SQLite while rows refer to it; a pin is not left behind."""
-    session = Session("axis", tuple(simulated_measurement(np.random.default_rng(1), "m", n_windows=8)))
-    write_session(tmp_path / "m.session.h5", session)
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        api.register("axis", windows_per_measurement=8)
-        with (tmp_path / "m.session.h5").open("rb") as file:
-            job = api.http.post("/v1/axes/axis/recordings", files={"file": file}).json()
-        wait_for(api, job["id"], "done")
-        expected = [api.http.get(path).json() for path in ("/v1/jobs", "/v1/axes/axis/recordings")], answers(api)
-        pin = api.http.post("/v1/axes/axis/pins", json={"measurement": 1, "reason": "test"}).json()["id"]
-    database = Database(database_url)
-    with pytest.raises(DataFolderError, match="pins"), database.connect() as connection, writing(connection):
-        command.downgrade(alembic_config(connection), "0011")
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        assert api.http.delete(f"/v1/axes/axis/pins/{pin}").status_code == 200
-    with database.connect() as connection, writing(connection):
-        command.downgrade(alembic_config(connection), "0011")
-    database.migrate()
-    database.close()
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        found = [api.http.get(path).json() for path in ("/v1/jobs", "/v1/axes/axis/recordings")], answers(api)
-        assert found == expected
-
-
-def test_database_of_an_older_version_says_what_it_said(database_url: str, tmp_path: Path) -> None:
-    """Everything that was stored before 0005, put down as it was then, is answered with as it is now."""
-    with running_service(tmp_path / "var") as api:
-        fill(api)
-        windows = simulated_measurement(np.random.default_rng(2), "refused", n_windows=4, started_at=LATER)
-        api.accept("axis", windows, complete=True)
-        api.accept(
-            "axis", simulated_measurement(np.random.default_rng(3), "open", n_windows=3, started_at=LATER + HOUR)
-        )
-        expected = answers(api)
-    database, old = Database(f"sqlite:///{tmp_path}/var/preload.db"), Database(database_url)
-    with old.connect() as connection, writing(connection):
-        command.upgrade(alembic_config(connection), "0004")
-    with database.read() as session, old.connect() as connection, writing(connection):
-        put_down_as_before_0005(session, connection)
-    database.close()
-    old.migrate()
-    with old.connect() as connection, reading(connection):
-        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
-    old.close()
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        found = answers(api)
-        assert found["trend"] == expected["trend"]
-        assert found == expected
-        api.accept(
-            "axis", simulated_measurement(np.random.default_rng(4), "next", n_windows=8, started_at=LATER + 3 * HOUR)
-        )
-        assert api.trend("axis")[-1]["state"] == "learning"
-
-
-def answers(api: Api) -> dict[str, object]:
-    trend = api.trend("axis")
-    return {
-        "axis": api.axis("axis"),
-        "trend": trend,
-        "days": api.trend("axis", resolution=2),
-        "measurements": [
-            api.http.get(f"/v1/axes/axis/measurements/{point['measurement_id']}").json() for point in trend
-        ],
-    }
-
-
-def put_down_as_before_0005(session: DatabaseSession, connection: Connection) -> None:
-    """Copy a database into the tables of version 0004."""
-    tables = MetaData()
-    tables.reflect(connection)
-    for name in ("axes", "calibrations", "calibration_activations", "measurements", "windows", "alarms"):
-        rows = [dict(row._mapping) for row in session.connection().execute(select(Base.metadata.tables[name]))]
-        if name == "measurements":
-            rows = [row | said_of(session, row["id"], row["started_at"]) for row in rows]
-        for row in rows:
-            known = {column: value for column, value in row.items() if column in tables.tables[name].c}
-            plain = {
-                column: json.dumps(value) if isinstance(value, dict) else
-                value.replace(tzinfo=None) if isinstance(value, datetime) else value
-                for column, value in known.items()
-            }  # fmt: skip
-            kinds = tables.tables[name].c
-            plain = {
-                column: json.loads(value) if isinstance(kinds[column].type, JSON) and isinstance(value, str) else value
-                for column, value in plain.items()
-            }
-            connection.execute(tables.tables[name].insert(), plain)
-        if rows and connection.dialect.name == "postgresql" and name != "axes":
-            connection.execute(text(f"SELECT setval(pg_get_serial_sequence('{name}', 'id'), {len(rows)})"))
-
-
-def said_of(session: DatabaseSession, measurement_id: int, started_at: datetime) -> dict[str, object]:
-    document = session.get(MeasurementDocumentRow, measurement_id)
-    point = point_of(session.connection(), 1, started_at, measurement_id)
-    if document is None or point is None:
-        return dict.fromkeys(("outcome", "response", "monitor_state"))
-    said = {name: getattr(point, name) for name in TrendPoint.__slots__}
-    outcome = {name: value for name, value in with_trend(document.outcome, point).items() if "charted" not in name}
-    return said | {"outcome": outcome, "response": document.response, "monitor_state": point.state}
 
 
 @pytest.mark.release

@@ -28,6 +28,7 @@ from service.store import database as database_module
 from service.store import intake, notices
 from service.store.axes import new_axis
 from service.store.database import Database, writing
+from service.store.schema import VERSION
 from service.store.tables import AlarmEventRow, AlarmRow, NoticeRow
 from service.store.waveforms import WaveformPlace
 from tests.service.arrivals import AXIS, history
@@ -365,14 +366,9 @@ def test_service_of_an_older_version_stops_writing_when_the_schema_is_newer(url:
         ):
             pass
         with newer.connect() as connection, writing(connection):
-            connection.execute(text("UPDATE alembic_version SET version_num = :now"), {"now": own_version()})
+            connection.execute(text("UPDATE alembic_version SET version_num = :now"), {"now": VERSION})
         newer.close()
         assert api.accept(AXIS, windows)["accepted"] == 2
-
-
-def own_version() -> str:
-    """Return the version of the schema that this program writes."""
-    return max(path.name[:4] for path in (database_module.MIGRATIONS / "versions").glob("0*.py"))
 
 
 def test_services_that_start_together_migrate_once(url: str, tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from service.errors import DataFolderError, StorageError
 from service.store.recordings import UNDER_WAY
 from service.store.safekeeping.purge_lock import no_purge
 from service.store.safekeeping.verification import damaged_windows
+from service.store.tables import VERSION_TABLE
 from service.store.waveform_files import sync_folder
 from service.store.waveforms import WaveformPlace
 
@@ -141,7 +142,7 @@ def _describe(folder: Path) -> Manifest:
         (verdict,) = database.execute("PRAGMA integrity_check(1)").fetchone()
         if verdict != "ok":
             raise sqlite3.DatabaseError(verdict)
-        (schema,) = database.execute("SELECT version_num FROM alembic_version").fetchone()
+        (schema,) = database.execute(f"SELECT version_num FROM {VERSION_TABLE}").fetchone()  # noqa: S608
         rows = {table: database.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in COUNTED}  # noqa: S608
         places = (
             WaveformPlace(*row)

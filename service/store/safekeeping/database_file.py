@@ -9,9 +9,7 @@ from pathlib import Path
 from sqlalchemy.engine import make_url
 
 from service.errors import DataFolderError, StorageError
-
-#: Every version of the schema has it.
-OUR_TABLE = "alembic_version"
+from service.store.tables import VERSION_TABLE
 
 
 class DatabaseFile:
@@ -63,10 +61,10 @@ class DatabaseFile:
             raise DataFolderError(
                 f"{self.path} cannot be read as a database ({error}); put the backup in its place, or move it away"
             ) from error
-        if tables and OUR_TABLE not in tables:
+        if tables and VERSION_TABLE not in tables:
             raise DataFolderError(
                 f"{self.path} is a database of another program (it has the tables {', '.join(sorted(tables)[:3])}, no "
-                f"{OUR_TABLE}); start with another --data-dir or PRELOAD_DATABASE_URL"
+                f"{VERSION_TABLE}); start with another --data-dir or PRELOAD_DATABASE_URL"
             )
 
     def remember(self) -> None:

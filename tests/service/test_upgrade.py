@@ -1,0 +1,143 @@
+"""Data folders of older programs: one is opened as it is, and says what it said; a still older one says what to do.
+
+``older/0017.tar.xz`` was written by commit 7bd100f, the last whose schema grew by Alembic's migrations: a data folder
+with an axis that lost its preload, its answers (``answers.json``), and its schema on PostgreSQL (``postgresql.sql``).
+"""
+
+import hashlib
+import json
+import sqlite3
+import tarfile
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from sqlalchemy import Connection, inspect, text
+
+from service.errors import DataFolderError
+from service.store import schema
+from service.store.database import Database, reading, writing
+from service.store.tables import Base
+from tests.service.conftest import emptied, running_service
+
+
+@pytest.fixture
+def older(tmp_path: Path) -> Path:
+    with tarfile.open(Path(__file__).parent / "older" / "0017.tar.xz") as archive:
+        archive.extractall(tmp_path, filter="data")
+    return tmp_path
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def older_database(request: pytest.FixtureRequest, older: Path) -> Database:
+    """Return a database whose tables an older program made."""
+    if request.param == "sqlite":
+        return Database(f"sqlite:///{older}/var/preload.db")
+    database = Database(emptied(request.getfixturevalue("postgresql")))
+    with database.connect() as connection, writing(connection):
+        connection.execute(text((older / "postgresql.sql").read_text()))
+        connection.execute(text("INSERT INTO alembic_version VALUES ('0017')"))
+    return database
+
+
+def tables_of(connection: Connection) -> dict[str, object]:
+    """Describe every table: columns in any order, keys, indexes. Defaults are left out: no insert needs them."""
+    inspector = inspect(connection)
+
+    def described(table: str) -> dict[str, object]:
+        return {
+            "columns": {
+                column["name"]: (str(column["type"]), column["nullable"]) for column in inspector.get_columns(table)
+            },
+            "primary key": inspector.get_pk_constraint(table),
+            "foreign keys": sorted(
+                (key["constrained_columns"], key["referred_table"], key["referred_columns"])
+                for key in inspector.get_foreign_keys(table)
+            ),
+            "unique": sorted(map(str, inspector.get_unique_constraints(table))),
+            "indexes": {
+                index["name"]: (
+                    index["column_names"],
+                    index["unique"],
+                    sorted((option, str(value)) for option, value in index.get("dialect_options", {}).items()),
+                )
+                for index in inspector.get_indexes(table)
+            },
+            "options": sorted(inspector.get_table_options(table).items()),
+        }
+
+    return {table: described(table) for table in inspector.get_table_names()}
+
+
+def opened(database: Database) -> dict[str, object]:
+    database.migrate()
+    database.migrate()  # a second start finds nothing to do
+    with database.connect() as connection, reading(connection):
+        tables = tables_of(connection)
+    database.close()
+    return tables
+
+
+def test_older_tables_are_those_of_a_new_database(older_database: Database, tmp_path: Path) -> None:
+    upgraded = opened(older_database)
+    url = older_database.engine.url.render_as_string(hide_password=False)
+    new = Database(emptied(url) if "postgresql" in url else f"sqlite:///{tmp_path}/new.db")
+    assert upgraded == opened(new)
+    assert upgraded.keys() == Base.metadata.tables.keys()
+
+
+def test_what_sqlite_knows_beyond_columns_is_the_same(older: Path, tmp_path: Path) -> None:
+    """Whether a table has rows' own numbers, and whether these are given twice."""
+
+    def kinds(path: Path) -> list[object]:
+        with closing(sqlite3.connect(path)) as connection:
+            return connection.execute(
+                "SELECT t.name, wr, strict, sql LIKE '%AUTOINCREMENT%' "
+                "FROM pragma_table_list t LEFT JOIN sqlite_master m ON m.name = t.name ORDER BY t.name"
+            ).fetchall()
+
+    opened(Database(f"sqlite:///{tmp_path}/new.db"))
+    assert kinds(older / "var" / "preload.db") == kinds(tmp_path / "new.db")
+
+
+def test_older_folder_says_what_it_said(older: Path) -> None:
+    answers = json.loads((older / "answers.json").read_text())
+    with running_service(older / "var") as api:
+        for path, expected in answers.items():
+            answer = api.http.get(path)
+            is_json = "json" in answer.headers["content-type"]
+            assert (answer.json() if is_json else hashlib.sha256(answer.content).hexdigest()) == expected, path
+        assert answers["/v1/alarms/1"]["status"] == "acknowledged"
+
+
+@pytest.mark.parametrize("version", ["0001", "0016"])
+def test_still_older_folder_says_what_to_do_and_is_left_alone(older: Path, version: str) -> None:
+    file = older / "var" / "preload.db"
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute("UPDATE alembic_version SET version_num = ?", [version])
+        connection.commit()
+        before = list(connection.iterdump())
+    what_to_do = f"of version {version}.*from 0017: start commit 7bd100f"
+    with pytest.raises(DataFolderError, match=what_to_do), running_service(older / "var"):
+        pass
+    with closing(sqlite3.connect(file)) as connection:
+        assert list(connection.iterdump()) == before
+
+
+def test_steps_lead_to_the_newest_version(older_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that a database has not had yet, each once."""
+    changes = ["CREATE TABLE tools (id INTEGER)", "ALTER TABLE tools ADD COLUMN a INTEGER", "DROP TABLE tools"]
+    steps = [
+        (f"{18 + i:04d}", lambda connection, change=change: connection.execute(text(change)))
+        for i, change in enumerate(changes)
+    ]
+    for n_steps, columns in ((2, ["id", "a"]), (3, None)):
+        monkeypatch.setattr(schema, "STEPS", steps[:n_steps])
+        monkeypatch.setattr(schema, "VERSION", steps[n_steps - 1][0])
+        tables = opened(older_database)
+        assert (list(tables["tools"]["columns"]) if "tools" in tables else None) == columns
+        with older_database.connect() as connection, reading(connection):
+            assert connection.execute(text("SELECT version_num FROM alembic_version")).scalars().all() == [
+                steps[n_steps - 1][0]
+            ]
+    older_database.close()
