@@ -54,20 +54,15 @@ from service.operations.alarm_cause import AlarmExplanations
 from service.operations.analysis_job import AnalysisJob
 from service.operations.calibrating.fit_job import KIND as CALIBRATION
 from service.operations.calibrating.fit_job import CalibrationJobs
-from service.operations.calibrating.plan import CalibrationPlans
 from service.operations.discrepancy_job import DiscrepancyIn
 from service.operations.identification_job import IdentificationIn
-from service.operations.monitoring.alarms import Alarms, Shelves
+from service.operations.monitoring.alarms import Alarms, watch_of_shelves
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
-from service.operations.monitoring.consequences import Consequences
-from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.epochs import renew_charts
 from service.operations.monitoring.intake.ingest import Ingest
-from service.operations.monitoring.long_run import LongRun
-from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import KIND as REPLAY
 from service.operations.monitoring.replay import Replays
@@ -79,8 +74,7 @@ from service.operations.purge import Purge, Purges
 from service.operations.recordings.recordings import CHECK, Recordings
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.stored_windows import StoredWindows
-from service.operations.retention import Pins, Surveys, rule_of
-from service.operations.system import System
+from service.operations.retention import Surveys, rule_of
 from service.operations.trial.trial import KIND as TRIAL
 from service.operations.trial.trial import Trials
 from service.settings import Settings
@@ -225,7 +219,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
     rejudgements = Rejudgements(database, waveforms, runner)
     axes, calibrations = Axes(database), Calibrations(database, waveforms)
-    alarms, maintenance = Alarms(database), Maintenance(database)
+    alarms = Alarms(database)
     trials = Trials(
         database,
         runner,
@@ -234,7 +228,6 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         trend=trend,
         calibrations=calibrations,
         alarms=alarms,
-        maintenance=maintenance,
     )
     calibration_jobs = CalibrationJobs(database, waveforms, calibrations, runner)
     work |= {
@@ -257,19 +250,13 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         axes=axes,
         ingest=ingest,
         trend=trend,
-        evidence=Evidence(database, waveforms),
         history=History(database),
-        long_run=LongRun(database),
-        consequences=Consequences(database),
-        system=System(database, metrics, ingest),
         calibrations=calibrations,
         calibration_jobs=calibration_jobs,
-        calibration_plans=CalibrationPlans(database),
         rejudgements=rejudgements,
         alarms=alarms,
         changes=Changes(database),
-        shelves=Shelves(database),
-        maintenance=maintenance,
+        shelves=watch_of_shelves(database),
         replays=replays,
         trials=trials,
         recordings=uploads,
@@ -281,7 +268,6 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         dispatcher=Dispatcher(database, _senders(receivers, settings.public_url.rstrip("/")), metrics),
         states=_state_publishers(receivers, trend),
         advice=read_advice(settings.advice_file),
-        pins=Pins(database),
         purges=purges,
         surveys=Surveys(database, waveforms, rule),
     )

@@ -16,6 +16,7 @@ from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Label, RequestModel
 from service.operations.monitoring.axes import settings_tag
 from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.consequences import outlook_of
 from service.operations.monitoring.machines import machines_of
 from service.operations.monitoring.trend import AxisStatus
 from service.store.rejudged import Stale
@@ -203,7 +204,7 @@ class ConsequencesOut(BaseModel):
 @router.post("/axes/{axis}/consequences", dependencies=[needs(Scope.TRENDS_READ)])
 def post_consequences(axis: AxisId, body: AxisIn, on: Annotated[Services, Depends(services)]) -> ConsequencesOut:
     """Say what a configuration would change before it is sent: false alarms against delay, silences, averages, band."""
-    outlook = on.consequences.of(axis, body.name, body.configuration)
+    outlook = outlook_of(on.database, axis, body.name, body.configuration)
     return ConsequencesOut(
         axis=axis,
         changes=[ChangeOut(setting=it.setting, before=it.before, after=it.after) for it in outlook.changes],

@@ -13,7 +13,7 @@ from service.api.services import Services, services
 from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import CatalogueIn, axis_proposal
 from service.operations.calibrating.fit_job import CalibrationJobIn
-from service.operations.calibrating.plan import AxisPlan, PlanIn
+from service.operations.calibrating.plan import AxisPlan, PlanIn, calibration_plan
 from service.operations.fields import AxisId
 
 router = APIRouter(prefix="/v1", tags=["calibrations"])
@@ -98,7 +98,7 @@ def get_calibration_plan(
     axis: AxisId, query: Annotated[PlanIn, Query()], on: Annotated[Services, Depends(services)]
 ) -> CalibrationPlanOut:
     """Say where to move and which preload to set next, how many are left, and which loss the calibration will see."""
-    return plan_out(on.calibration_plans.of(axis, query))
+    return plan_out(calibration_plan(on.database, axis, query))
 
 
 def plan_out(found: AxisPlan) -> CalibrationPlanOut:

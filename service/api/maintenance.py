@@ -10,6 +10,7 @@ from service.api.access import needs
 from service.api.services import Services, services
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId
+from service.operations.monitoring import maintenance
 from service.operations.monitoring.maintenance import MaintenanceIn, Work
 from service.store.tables import MaintenanceRow
 
@@ -54,7 +55,7 @@ def post_maintenance(
     axis: AxisId, body: MaintenanceIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> MaintenanceOut:
     """Say what was done to an axis. A new nut or screw begins the baseline anew from then, however long ago."""
-    row, is_new = on.maintenance.enter(axis, body)
+    row, is_new = maintenance.enter(on.database, axis, body)
     response.status_code = 201 if is_new else 200
     return maintenance_out(row)
 
@@ -62,4 +63,4 @@ def post_maintenance(
 @router.get("/axes/{axis}/maintenance", dependencies=[needs(Scope.TRENDS_READ)])
 def get_maintenance(axis: AxisId, on: Annotated[Services, Depends(services)]) -> MaintenanceLogOut:
     """Return the maintenance log of an axis."""
-    return MaintenanceLogOut(axis=axis, entries=[maintenance_out(row) for row in on.maintenance.log(axis)])
+    return MaintenanceLogOut(axis=axis, entries=[maintenance_out(row) for row in maintenance.log_of(on.database, axis)])

@@ -1,7 +1,7 @@
 """``/v1/retention``: how long waveforms are kept, and the purge of the rest; pins of measurements and spans."""
 
 from datetime import datetime
-from typing import Annotated, Literal, Self, cast
+from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -9,10 +9,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from service.api.access import needs
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
+from service.operations import retention
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment, RequestModel, RowId, Text, exactly_one_of
 from service.operations.retention import Reason, Rule, Share, Survey, Why
 from service.store.tables import PinRow
+from service.store.trend.points import Span
 
 router = APIRouter(prefix="/v1", tags=["retention"])
 
@@ -214,7 +216,7 @@ def list_pins(
     axis: AxisId, query: Annotated[PinsQuery, Query()], on: Annotated[Services, Depends(services)]
 ) -> PinsOut:
     """List what is pinned of an axis, newest first."""
-    rows = on.pins.list(axis, query.cursor, query.limit)
+    rows = retention.list_pins(on.database, axis, query.cursor, query.limit)
     return PinsOut(pins=[pin_out(row) for row in rows], next_cursor=rows[-1].id if len(rows) == query.limit else None)
 
 
@@ -224,13 +226,11 @@ def pin(axis: AxisId, body: PinIn, request: Request, on: Annotated[Services, Dep
 
     A measurement that is pinned already is kept for the new reason.
     """
-    why = Reason(body.reason, request.state.caller.name)
-    if body.measurement is not None:
-        return pin_out(on.pins.pin_measurement(axis, body.measurement, why))
-    return pin_out(on.pins.pin_span(axis, (cast(datetime, body.start), cast(datetime, body.end)), why))
+    what = Span(body.start, body.end) if body.measurement is None else body.measurement
+    return pin_out(retention.pin(on.database, axis, what, Reason(body.reason, request.state.caller.name)))
 
 
 @router.delete("/axes/{axis}/pins/{pin}", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def remove_pin(axis: AxisId, pin: RowId, on: Annotated[Services, Depends(services)]) -> PinOut:
     """Let the rule decide again about what a pin kept."""
-    return pin_out(on.pins.remove(axis, pin))
+    return pin_out(retention.remove_pin(on.database, axis, pin))

@@ -5,26 +5,21 @@ from typing import TYPE_CHECKING, cast
 
 from fastapi import Request
 
-from service.jobs import JobRunner
+from service.jobs import JobRunner, Repeatedly
 from service.observability import Metrics
 from service.operations.access.access import Access
 from service.operations.advice import AdviceTable
 from service.operations.alarm_cause import AlarmExplanations
 from service.operations.analysis_job import AnalysisJob
 from service.operations.calibrating.fit_job import CalibrationJobs
-from service.operations.calibrating.plan import CalibrationPlans
 from service.operations.discrepancy_job import DiscrepancyIn
 from service.operations.identification_job import IdentificationIn
-from service.operations.monitoring.alarms import Alarms, Shelves
+from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
-from service.operations.monitoring.consequences import Consequences
-from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
-from service.operations.monitoring.long_run import LongRun
-from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
@@ -32,8 +27,7 @@ from service.operations.notices.dispatcher import Dispatcher
 from service.operations.purge import Purges
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
-from service.operations.retention import Pins, Surveys
-from service.operations.system import System
+from service.operations.retention import Surveys
 from service.operations.trial.trial import Trials
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
@@ -53,19 +47,13 @@ class Services:
     axes: Axes
     ingest: Ingest
     trend: Trend
-    evidence: Evidence
     history: History
-    long_run: LongRun
-    consequences: Consequences
-    system: System
     calibrations: Calibrations
     calibration_jobs: CalibrationJobs
-    calibration_plans: CalibrationPlans
     rejudgements: Rejudgements
     alarms: Alarms
     changes: Changes
-    shelves: Shelves
-    maintenance: Maintenance
+    shelves: Repeatedly
     replays: Replays
     trials: Trials
     recordings: Recordings
@@ -76,7 +64,6 @@ class Services:
     jobs: JobRunner
     dispatcher: Dispatcher
     states: "list[StatePublisher]"
-    pins: Pins
     purges: Purges
     surveys: Surveys
     advice: AdviceTable

@@ -10,7 +10,7 @@ from service.api.access import needs
 from service.api.services import Services, services
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisName, RequestModel
-from service.operations.system import SystemStatus
+from service.operations.system import SystemStatus, system_status
 
 router = APIRouter(prefix="/v1", tags=["operations"])
 
@@ -71,7 +71,7 @@ def system_out(status: SystemStatus) -> SystemOut:
 @router.get("/system", dependencies=[needs(Scope.TRENDS_READ)])
 def get_system(on: Annotated[Services, Depends(services)]) -> SystemOut:
     """Return versions, how far intake is behind, and what was refused of all axes, by reason."""
-    return system_out(on.system.status())
+    return system_out(system_status(on.database, on.metrics, on.ingest))
 
 
 class AuditEntryOut(BaseModel):

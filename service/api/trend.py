@@ -20,7 +20,8 @@ from service.documents.measurement import interval_of, numbers
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment, RequestModel, RowId
-from service.operations.monitoring.evidence import OtherJudgement
+from service.operations.monitoring.evidence import OtherJudgement, evidence_of
+from service.operations.monitoring.long_run import projection_of
 from service.operations.monitoring.trend import Only, thin_out
 from service.store.rejudged import Stale
 from service.store.trend.points import Span, TrendPoint
@@ -259,7 +260,7 @@ def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> His
 def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> MeasurementOut:
     """Return one measurement with everything its value rests on."""
     view = on.trend.measurement(axis, measurement)
-    row, evidence = view.row, on.evidence.of(axis, view)
+    row, evidence = view.row, evidence_of(on.database, on.waveforms, axis, view)
     ladder = evidence.ladder()
     return MeasurementOut(
         measurement_id=row.id,
@@ -307,7 +308,7 @@ def ladder_out(ladder: PreloadLadder) -> LadderOut:
 def get_evidence(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> EvidenceOut:
     """Return the whole response of a measurement with the baseline's, and what other calibrations say of it."""
     view = on.trend.measurement(axis, measurement)
-    evidence = on.evidence.of(axis, view)
+    evidence = evidence_of(on.database, on.waveforms, axis, view)
     found = evidence.responses()
     return EvidenceOut(
         band_hz=found.band,
@@ -367,7 +368,7 @@ class ProjectionOut(BaseModel):
 @router.get("/axes/{axis}/projection", dependencies=[needs(Scope.TRENDS_READ)])
 def get_projection(axis: AxisId, on: Annotated[Services, Depends(services)]) -> ProjectionOut:
     """Project the trend from the onset of the alarm that stands, or the newest measurements: empty of too few."""
-    found = on.long_run.projection(axis)
+    found = projection_of(on.database, axis)
     if found is None:
         return ProjectionOut(axis=axis, since=None, n_measurements=0, slope_n_per_day=None, points=[])
     columns = zip(found.at, found.preload_n, found.lower_n, found.upper_n, strict=True)

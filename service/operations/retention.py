@@ -113,56 +113,48 @@ class Reason:
     who: str
 
 
-class Pins:
-    """Makes, lists and removes pins."""
+def pin(database: Database, axis_id: str, what: int | Span, why: Reason) -> PinRow:
+    """Keep the waveforms of a measurement, by its number, or of all that began in a span, those to come included.
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
-
-    def pin_measurement(self, axis_id: str, measurement_id: int, why: Reason) -> PinRow:
-        """Keep the waveforms of a measurement; if it is pinned already, for this reason from now on.
-
-        Raises LetGoError if they were let go.
-        """
-        with self._database.write() as session, settled_with(session.connection()):
-            measurements.get_measurement(session, axis_id, measurement_id)
-            retention.require_stored(session.connection(), [measurement_id])
-            row = retention.pin_of_measurement(session, measurement_id)
-            if row is None:
-                row = PinRow(
-                    axis_id=axis_id, measurement_id=measurement_id, start_at=None, end_at=None,
-                    reason=why.reason, who=why.who, at=now(),
-                )  # fmt: skip
-                session.add(row)
-            row.reason, row.who, row.at = why.reason, why.who, now()
-            return row
-
-    def pin_span(self, axis_id: str, span: tuple[datetime, datetime], why: Reason) -> PinRow:
-        """Keep what is still stored of the measurements of an axis that began in a span, and what is yet to come."""
-        with self._database.write() as session, settled_with(session.connection()):
+    A measurement that is pinned already is kept for the new reason. Raises LetGoError if its waveforms were let go.
+    """
+    with database.write() as session, settled_with(session.connection()):
+        row = None
+        if isinstance(what, Span):
             get_axis(session, axis_id)
-            start, end = span
-            row = PinRow(
-                axis_id=axis_id, measurement_id=None, start_at=start, end_at=end,
-                reason=why.reason, who=why.who, at=now(),
-            )  # fmt: skip
-            session.add(row)
-            return row
+            start, end, measurement_id = what.start, what.end, None
+        else:
+            measurements.get_measurement(session, axis_id, what)
+            retention.require_stored(session.connection(), [what])
+            row, start, end, measurement_id = retention.pin_of_measurement(session, what), None, None, what
+        if row is None:
+            row = PinRow(axis_id=axis_id, measurement_id=measurement_id, start_at=start, end_at=end)
+        row.reason, row.who, row.at = why.reason, why.who, now()
+        session.add(row)
+        return row
 
-    def remove(self, axis_id: str, pin_id: int) -> PinRow:
-        """Let the rule decide again about what a pin kept; return it as it was."""
-        with self._database.write() as session, settled_with(session.connection()):
-            row = session.get(PinRow, pin_id)
-            if row is None or row.axis_id != axis_id:
-                raise UnknownResourceError(f"axis '{axis_id}' has no pin {pin_id}")
-            session.delete(row)
-            return row
 
-    def list(self, axis_id: str, before_id: int | None, limit: int) -> list[PinRow]:
-        """Return pins of an axis, newest first."""
-        with self._database.read() as session:
-            get_axis(session, axis_id)
-            return retention.list_pins(session, axis_id, before_id, limit)
+def remove_pin(database: Database, axis_id: str, pin_id: int) -> PinRow:
+    """Let the rule decide again about what a pin kept; return it as it was."""
+    with database.write() as session, settled_with(session.connection()):
+        row = session.get(PinRow, pin_id)
+        if row is None or row.axis_id != axis_id:
+            raise UnknownResourceError(f"axis '{axis_id}' has no pin {pin_id}")
+        session.delete(row)
+        return row
+
+
+def list_pins(database: Database, axis_id: str, before_id: int | None, limit: int) -> list[PinRow]:
+    """Return pins of an axis, newest first."""
+    with database.read() as session:
+        get_axis(session, axis_id)
+        return retention.list_pins(session, axis_id, before_id, limit)
+
+
+def count_pins(database: Database, axis_id: str) -> int:
+    """Count the pins of an axis."""
+    with database.read() as session:
+        return retention.count_pins(session, axis_id)
 
 
 #: To walk through all files takes seconds where there are many: what was counted is told again for so long.

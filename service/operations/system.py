@@ -45,37 +45,29 @@ class SystemStatus:
     uncharted: dict[str, int]  # accepted measurements that moved no chart
 
 
-class System:
-    """Says how the service stands."""
-
-    def __init__(self, database: Database, metrics: Metrics, ingest: Ingest) -> None:
-        self._database = database
-        self._metrics = metrics
-        self._ingest = ingest
-
-    def status(self) -> SystemStatus:
-        """Return how the service stands at this moment."""
-        refused, uncharted = Counter[str](), Counter[str]()
-        with self._database.read() as session:
-            rows = axes.list_axes(session)
-            newest, n_open = measurements.newest_window(session), measurements.count_open(session)
-        for row in rows:
-            refused.update(row.refused_windows)
-            uncharted.update(row.uncharted)
-        lag = Lag(
-            n_waiting=self._ingest.n_waiting,
-            n_open=n_open,
-            received_at=None if newest is None else newest.received_at,
-            started_at=None if newest is None else newest.started_at,
-            judging_s=self._metrics.mean_judging_s(),
-        )
-        versions = Versions(
-            program=version("preload-monitor"),
-            schema=self._database.schema,
-            database=self._database.engine.dialect.name,
-            python=platform.python_version(),
-        )
-        return SystemStatus(
-            versions, lag, len(rows), sum(row.archived_at is not None for row in rows),
-            dict(refused.most_common()), dict(uncharted.most_common()),
-        )  # fmt: skip
+def system_status(database: Database, metrics: Metrics, ingest: Ingest) -> SystemStatus:
+    """Return how the service stands at this moment."""
+    refused, uncharted = Counter[str](), Counter[str]()
+    with database.read() as session:
+        rows = axes.list_axes(session)
+        newest, n_open = measurements.newest_window(session), measurements.count_open(session)
+    for row in rows:
+        refused.update(row.refused_windows)
+        uncharted.update(row.uncharted)
+    lag = Lag(
+        n_waiting=ingest.n_waiting,
+        n_open=n_open,
+        received_at=None if newest is None else newest.received_at,
+        started_at=None if newest is None else newest.started_at,
+        judging_s=metrics.mean_judging_s(),
+    )
+    versions = Versions(
+        program=version("preload-monitor"),
+        schema=database.schema,
+        database=database.engine.dialect.name,
+        python=platform.python_version(),
+    )
+    return SystemStatus(
+        versions, lag, len(rows), sum(row.archived_at is not None for row in rows),
+        dict(refused.most_common()), dict(uncharted.most_common()),
+    )  # fmt: skip

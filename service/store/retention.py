@@ -167,6 +167,11 @@ def pin_of_measurement(session: Session, measurement_id: int) -> PinRow | None:
     return session.scalars(select(PinRow).where(PinRow.measurement_id == measurement_id)).one_or_none()
 
 
+def count_pins(session: Session, axis_id: str) -> int:
+    """Count the pins of an axis."""
+    return int(session.scalar(select(func.count()).where(PinRow.axis_id == axis_id)) or 0)
+
+
 def list_pins(session: Session, axis_id: str, before_id: int | None, limit: int) -> list[PinRow]:
     """Return pins of an axis, newest first."""
     query = select(PinRow).where(PinRow.axis_id == axis_id)

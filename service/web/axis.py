@@ -25,6 +25,7 @@ from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.history import AxisHistory
 from service.operations.monitoring.standing import facts_of, open_alarm
 from service.operations.monitoring.trend import Only
+from service.operations.retention import count_pins
 from service.report.trend_chart import LaneEvent
 from service.store.tables import MaintenanceRow
 from service.store.trend.points import Span, TrendPoint
@@ -218,7 +219,7 @@ def sections_of(axis: str, on: Services, history: AxisHistory) -> Sections:
         n_work=len(newest_first),
         jobs=[job_out(row) for row in on.jobs.list(axis, MOST_LISTED)],
         quality=_quality_of(axis, on),
-        n_pins=len(on.pins.list(axis, None, 1000)),
+        n_pins=count_pins(on.database, axis),
     )
 
 

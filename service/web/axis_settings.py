@@ -18,7 +18,7 @@ from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Label
 from service.operations.monitoring.axes import settings_tag
 from service.operations.monitoring.axis_configuration import AxisConfiguration
-from service.operations.monitoring.consequences import Change, changes_between
+from service.operations.monitoring.consequences import Change, changes_between, outlook_of
 from service.web.forms import MomentText, moment_of, number_of
 from service.web.site import Page, PageOf, done
 
@@ -132,7 +132,7 @@ def review(
     """Show what would be changed and what follows from it; nothing is saved."""
     try:
         name, wanted = _wanted(axis, form, on)
-        outlook = on.consequences.of(axis, name, wanted)
+        outlook = outlook_of(on.database, axis, name, wanted)
     except (ValidationError, InvalidRequestError) as error:
         return _form(axis, page, on, form, status=422, refusal=_sentence(error))
     if form.tag != _tag(axis, on):

@@ -12,6 +12,7 @@ from service.clock import now
 from service.errors import InvalidRequestError, UnknownResourceError
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RequestModel
+from service.operations.monitoring import maintenance
 from service.operations.monitoring.maintenance import MaintenanceIn, Work
 from service.store.tables import MaintenanceRow
 from service.web.forms import MomentText, moment_of, number_of
@@ -43,7 +44,7 @@ def work_page(
     axis: AxisId, page: PageOf, query: Annotated[WorkQuery, Query()], on: Annotated[Services, Depends(services)]
 ) -> Response:
     """Show the form and the log, newest first."""
-    log = on.maintenance.log(axis)[::-1]
+    log = maintenance.log_of(on.database, axis)[::-1]
     return page.show(
         "axis_work.html",
         axis=on.axes.get(axis),
@@ -77,7 +78,7 @@ def log_work(
         "set_preload_n": number_of(form.set_preload_n, "set_preload_n"),
         "corrects": form.corrects,
     }
-    on.maintenance.enter(axis, MaintenanceIn.model_validate(entry))
+    maintenance.enter(on.database, axis, MaintenanceIn.model_validate(entry))
     return done(f"/axes/{axis}", "logged")
 
 

@@ -19,7 +19,7 @@ from service.errors import ConflictError, InvalidRequestError, PreconditionError
 from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import AxisProposal
 from service.operations.calibrating.fit_job import KIND, CalibrationJobIn, FittedReading
-from service.operations.calibrating.plan import AxisPlan, PlanIn
+from service.operations.calibrating.plan import AxisPlan, PlanIn, calibration_plan
 from service.operations.fields import AxisId, JobId, RowId, Text
 from service.operations.monitoring.rejudgements import RejudgementIn
 from service.report.calibration_charts import (
@@ -192,9 +192,9 @@ def _calibrate_page(
 ) -> Response:
     row, overview, newest = on.axes.get(axis), on.calibrations.overview(axis), on.calibration_jobs.newest(axis)
     try:
-        plan = on.calibration_plans.of(axis, form.asked())
+        plan = calibration_plan(on.database, axis, form.asked())
     except (InvalidRequestError, MonitorCoreError) as error:
-        refusal, status, plan = refusal or str(error), 422, on.calibration_plans.of(axis, PlanIn())
+        refusal, status, plan = refusal or str(error), 422, calibration_plan(on.database, axis, PlanIn())
     shown = plan_out(plan)
     return page.show(
         "calibrate.html",

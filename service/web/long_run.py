@@ -15,7 +15,14 @@ from service.api.services import Services, services
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId
-from service.operations.monitoring.long_run import ProjectedPreload, Sister, Spectrum
+from service.operations.monitoring.long_run import (
+    ProjectedPreload,
+    Sister,
+    Spectrum,
+    projection_of,
+    sisters_with_trend,
+    spectra_of,
+)
 from service.report.sisters_chart import ShareLine, sisters_chart
 from service.report.trend_chart import LOW_NARROW, LOW_WIDE, Mark, TrendPicture, Wedge, trend_chart
 from service.report.waterfall import Response as DrawnResponse
@@ -55,9 +62,11 @@ class ListedSister:
 @router.get("/axes/{axis}/long-run", dependencies=[needs(Scope.TRENDS_READ)])
 def long_run_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
     """Show what an axis did over a long time."""
-    spectra, words = on.long_run.spectra(axis), page.words
-    shares = [(sister, line) for sister in on.long_run.sisters(axis) if (line := _share(sister, axis)) is not None]
-    projected = on.long_run.projection(axis)
+    spectra, words = spectra_of(on.database, axis), page.words
+    shares = [
+        (sister, line) for sister in sisters_with_trend(on.database, axis) if (line := _share(sister, axis)) is not None
+    ]
+    projected = projection_of(on.database, axis)
     return page.show(
         "axis_long_run.html",
         axis=on.axes.get(axis),

@@ -20,7 +20,7 @@ from service.api.trend import judgement_out
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
-from service.operations.monitoring.evidence import Responses
+from service.operations.monitoring.evidence import Responses, evidence_of
 from service.operations.monitoring.trend import MeasurementView
 from service.report.line_chart import LOW_NARROW, LOW_WIDE, NARROW, WIDE, Curve, LineFrame, LinePicture, line_chart
 from service.web.axis import Last
@@ -80,7 +80,7 @@ def measurement_page(
     """Show why a measurement has its value."""
     view = on.trend.measurement(axis, measurement)
     last, said = Last.model_validate(view.outcome or {}), _Said.model_validate(view.outcome or {})
-    evidence = on.evidence.of(axis, view)
+    evidence = evidence_of(on.database, on.waveforms, axis, view)
     found, ladder = evidence.responses(), evidence.ladder()
     before, following = evidence.neighbours()
     return page.show(

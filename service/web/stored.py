@@ -8,6 +8,7 @@ from pydantic import BaseModel, Field
 from service.api.access import needs
 from service.api.services import Services, services
 from service.errors import InvalidRequestError
+from service.operations import retention
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId, Text
 from service.operations.monitoring.rejudgements import RejudgementIn
@@ -53,7 +54,7 @@ def stored_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(serv
         calibrations=overview.calibrations,
         in_force=overview.active,
         measured=(ends[0][0].at, ends[1][0].at) if ends[0] else None,
-        pins=on.pins.list(axis, None, _MOST_PINS),
+        pins=retention.list_pins(on.database, axis, None, _MOST_PINS),
         rule=on.surveys.rule,
     )
 
@@ -80,12 +81,12 @@ def pin(
     span = form.span
     if span.start is None or span.end is None:
         raise InvalidRequestError("expected from when until when is kept; got an open end")
-    on.pins.pin_span(axis, (span.start, span.end), Reason(form.reason, request.state.caller.signature))
+    retention.pin(on.database, axis, span, Reason(form.reason, request.state.caller.signature))
     return done(f"/axes/{axis}/stored", "pinned")
 
 
 @router.post("/axes/{axis}/stored/unpin", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def unpin(axis: AxisId, form: Annotated[UnpinForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
     """Let the rule decide about a period again; refused if somebody has done so already."""
-    on.pins.remove(axis, form.pin)
+    retention.remove_pin(on.database, axis, form.pin)
     return done(f"/axes/{axis}/stored", "unpinned")

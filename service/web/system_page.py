@@ -13,6 +13,7 @@ from service.api.services import Services, services
 from service.api.system import system_out
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
+from service.operations.system import system_status
 from service.web.site import PageOf
 
 router = APIRouter(include_in_schema=False)
@@ -36,7 +37,7 @@ def system_page(
     may_read_log = Scope.ADMIN in request.state.caller.scopes
     return page.show(
         "system.html",
-        system=system_out(on.system.status()),
+        system=system_out(system_status(on.database, on.metrics, on.ingest)),
         storage=retention_out(on.surveys.newest()),
         jobs=[job_out(row) for row in on.jobs.list(None, _MOST_JOBS)],
         receivers=receivers_out(on).receivers,

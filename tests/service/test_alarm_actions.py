@@ -8,7 +8,7 @@ import pytest
 from service.clock import now, text_of
 from service.operations.monitoring import alarm_changes, alarms
 from service.operations.monitoring import changes as marks
-from service.operations.monitoring.alarms import Shelves
+from service.operations.monitoring.alarms import bring_back_ended
 from service.store.database import Database
 from service.store.tables import AlarmRow, NoticeRow
 from tests.browser.states import CONFIGURATION, WORN, measure
@@ -88,7 +88,7 @@ def test_of_two_services_one_brings_an_alarm_back(alarmed: tuple[Api, int]) -> N
     with database.write() as session:
         session.get_one(AlarmRow, alarm).shelved_until = now()
     with ThreadPoolExecutor(4) as pool:  # and the service's own
-        pool.map(lambda _: Shelves(database).end(), range(8))
+        pool.map(lambda _: bring_back_ended(database), range(8))
     database.close()
     assert [event["kind"] for event in events_of(api, alarm)].count("back") == 1
 

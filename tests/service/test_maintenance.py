@@ -14,7 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from service.operations.monitoring.intake import charts
-from service.operations.monitoring.maintenance import Maintenance, MaintenanceIn
+from service.operations.monitoring.maintenance import MaintenanceIn
+from service.operations.monitoring.maintenance import enter as enter_work
 from service.store.database import Database
 from tests.service.conftest import START, Api, assert_problem, running_service, simulated_measurement
 
@@ -79,11 +80,10 @@ def entered(measured: Path, folder: Path, entries: Sequence[dict[str, Any]]) -> 
     folder.mkdir(parents=True)
     shutil.copy(measured / "preload.db", folder / "preload.db")
     database = Database(f"sqlite:///{folder / 'preload.db'}")
-    log = Maintenance(database)
     numbers: dict[str, int] = {}
     for item in entries:
         corrects = numbers.get(item["corrects"]) if "corrects" in item else None
-        row, _ = log.enter("axis", MaintenanceIn.model_validate(item | {"corrects": corrects}))
+        row, _ = enter_work(database, "axis", MaintenanceIn.model_validate(item | {"corrects": corrects}))
         numbers[item["note"]] = row.id
     database.close()
     return said(folder)

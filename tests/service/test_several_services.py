@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from service.errors import BusyError, DataFolderError, StorageError
 from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.observability import Metrics
 from service.operations.access.people import People
-from service.operations.monitoring.alarms import Shelves
+from service.operations.monitoring.alarms import bring_back_ended
 from service.operations.monitoring.intake.batch import Batch
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import Dispatcher
@@ -416,7 +417,7 @@ def test_alarms_whose_shelf_has_ended_are_brought_back_once(url: str, windows: l
             session.add_all(rows)
             session.flush()
             alarms = [row.id for row in rows]
-        at_once(*(Shelves(database).end for _ in range(4)))
+        at_once(*(partial(bring_back_ended, database) for _ in range(4)))
 
         def events() -> list[AlarmEventRow]:
             with database.read() as session:

@@ -73,38 +73,32 @@ class AxisPlan:
         return [item for item in self.measured if item.frequency_hz is not None]
 
 
-class CalibrationPlans:
-    """Plans calibrations."""
+def calibration_plan(database: Database, axis_id: str, asked: PlanIn) -> AxisPlan:
+    """Return the plan of an axis.
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
-
-    def of(self, axis_id: str, asked: PlanIn) -> AxisPlan:
-        """Return the plan of an axis.
-
-        Raises UnknownResourceError if there is no such axis; NotIdentifiableError if the travel is none.
-        """
-        with self._database.read() as session:
-            axis = get_axis(session, axis_id)
-            configuration = load_configuration(axis.configuration)
-            measured = measurements.set_measurements(session, axis)
-            in_force = None
-            if axis.active_calibration_id is not None:
-                in_force = calibrations.get_calibration(session, axis_id, axis.active_calibration_id).document
-        places, preloads = _grid(configuration, measured, asked)
-        usable = [item for item in measured if item.frequency_hz is not None]
-        source: Source = "measured"
-        expected = _from_measured(usable)
-        if expected is None and in_force is not None:
-            known = calibration_from_document(in_force)
-            source, expected = "calibration", ExpectedReadings(known.coefficients, known.residual_sd)
-        if expected is None:
-            source, expected = "model", _from_model(configuration, places, preloads)
-        grid = [PlannedSetting(metres(place), preload) for preload in preloads for place in places]
-        wished = asked.wished_loss_n or float(f"{_WISHED * max(preloads):.2g}")
-        done = [PlannedSetting(metres(item.position_mm), item.set_preload_n) for item in usable]
-        plan = plan_calibration(done, grid, expected, healthy_preload=max(preloads), wished_loss=wished)
-        return AxisPlan(places, preloads, wished, measured, plan, "none" if expected is None else source)
+    Raises UnknownResourceError if there is no such axis; NotIdentifiableError if the travel is none.
+    """
+    with database.read() as session:
+        axis = get_axis(session, axis_id)
+        configuration = load_configuration(axis.configuration)
+        measured = measurements.set_measurements(session, axis)
+        in_force = None
+        if axis.active_calibration_id is not None:
+            in_force = calibrations.get_calibration(session, axis_id, axis.active_calibration_id).document
+    places, preloads = _grid(configuration, measured, asked)
+    usable = [item for item in measured if item.frequency_hz is not None]
+    source: Source = "measured"
+    expected = _from_measured(usable)
+    if expected is None and in_force is not None:
+        known = calibration_from_document(in_force)
+        source, expected = "calibration", ExpectedReadings(known.coefficients, known.residual_sd)
+    if expected is None:
+        source, expected = "model", _from_model(configuration, places, preloads)
+    grid = [PlannedSetting(metres(place), preload) for preload in preloads for place in places]
+    wished = asked.wished_loss_n or float(f"{_WISHED * max(preloads):.2g}")
+    done = [PlannedSetting(metres(item.position_mm), item.set_preload_n) for item in usable]
+    plan = plan_calibration(done, grid, expected, healthy_preload=max(preloads), wished_loss=wished)
+    return AxisPlan(places, preloads, wished, measured, plan, "none" if expected is None else source)
 
 
 def _grid(

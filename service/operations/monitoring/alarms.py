@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Final
 
 from sqlalchemy.orm import Session
@@ -23,6 +24,8 @@ from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, AlarmRow
 
+#: How often it is looked whether a shelf has ended.
+LOOKED_EVERY_S: Final = 2.0
 #: What is shelved for longer is forgotten: it is looked at anew by then.
 LONGEST_SHELF: Final = timedelta(days=92)
 
@@ -153,33 +156,19 @@ class Alarms:
         return row
 
 
-#: How often it is looked whether a shelf has ended.
-LOOKED_EVERY_S = 2.0
+def watch_of_shelves(database: Database) -> Repeatedly:
+    """Return what brings alarms back as long as the service runs, first those whose shelf ended while none ran."""
+    end = partial(bring_back_ended, database)
+    return Repeatedly("shelves", end, every_s=LOOKED_EVERY_S, waits="an alarm whose shelf has ended")
 
 
-class Shelves:
-    """Looks for shelves that have ended, as long as the service runs; of several services, one brings an alarm back."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
-        waits = "an alarm whose shelf has ended"
-        self._looking = Repeatedly("shelves", self.end, every_s=LOOKED_EVERY_S, waits=waits)
-
-    def start(self) -> None:
-        """Begin to look, first for what ended while no service ran."""
-        self._looking.start()
-
-    def close(self) -> None:
-        """Look no more."""
-        self._looking.close()
-
-    def end(self) -> int:
-        """Bring back every alarm whose shelf has ended, and return how many."""
-        with self._database.read() as session:
-            if not alarms.has_ended_shelves(session, now()):
-                return 0
-        with self._database.write() as session:
-            ended = alarms.take_ended_shelves(session, now())
-            for row in ended:
-                bring_back(session, row)
-        return len(ended)
+def bring_back_ended(database: Database) -> int:
+    """Bring back every alarm whose shelf has ended, and return how many; of several services, one brings it back."""
+    with database.read() as session:
+        if not alarms.has_ended_shelves(session, now()):
+            return 0
+    with database.write() as session:
+        ended = alarms.take_ended_shelves(session, now())
+        for row in ended:
+            bring_back(session, row)
+    return len(ended)

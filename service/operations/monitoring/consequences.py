@@ -68,24 +68,18 @@ def changes_between(
     return tuple(Change(setting, value, new[setting]) for setting, value in old.items() if value != new[setting])
 
 
-class Consequences:
-    """Says what other settings would change; nothing is stored."""
+def outlook_of(database: Database, axis_id: str, name: str, wanted: AxisConfiguration) -> Outlook:
+    """Return what this name and configuration would change.
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
-
-    def of(self, axis_id: str, name: str, wanted: AxisConfiguration) -> Outlook:
-        """Return what this name and configuration would change.
-
-        Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms.
-        """
-        with self._database.read() as session:
-            row = axes.get_axis(session, axis_id)
-            stored = load_configuration(row.configuration)
-            changes = changes_between((row.name, stored), (name, wanted))
-            changed = {change.setting for change in changes}
-            found = _Look(session, row, stored, wanted)
-            return Outlook(changes, tuple(found.consequences(changed)))
+    Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms.
+    """
+    with database.read() as session:
+        row = axes.get_axis(session, axis_id)
+        stored = load_configuration(row.configuration)
+        changes = changes_between((row.name, stored), (name, wanted))
+        changed = {change.setting for change in changes}
+        found = _Look(session, row, stored, wanted)
+        return Outlook(changes, tuple(found.consequences(changed)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,21 +76,16 @@ class _Said(BaseModel):
         return Conditions(metres(self.position_mm), self.payload_kg, self.temperature_c)
 
 
-class Evidence:
-    """Answers why a measurement has its value."""
-
-    def __init__(self, database: Database, waveforms: WaveformStore) -> None:
-        self._database = database
-        self._waveforms = waveforms
-
-    def of(self, axis_id: str, view: MeasurementView) -> "MeasurementEvidence":
-        """Return what the value of a measurement rests on; its waveforms are read when they are first asked for."""
-        with self._database.read() as session:
-            configuration = load_configuration(axes.get_axis(session, axis_id).configuration)
-            number = view.row.calibration_id
-            row = None if number is None else calibrations.get_calibration(session, axis_id, number)
-        calibration = None if row is None else calibration_from_document(row.document)
-        return MeasurementEvidence(self._database, self._waveforms, axis_id, view, configuration, calibration)
+def evidence_of(
+    database: Database, waveforms: WaveformStore, axis_id: str, view: MeasurementView
+) -> "MeasurementEvidence":
+    """Return what the value of a measurement rests on; its waveforms are read when they are first asked for."""
+    with database.read() as session:
+        configuration = load_configuration(axes.get_axis(session, axis_id).configuration)
+        number = view.row.calibration_id
+        row = None if number is None else calibrations.get_calibration(session, axis_id, number)
+    calibration = None if row is None else calibration_from_document(row.document)
+    return MeasurementEvidence(database, waveforms, axis_id, view, configuration, calibration)
 
 
 @dataclass(frozen=True, eq=False)

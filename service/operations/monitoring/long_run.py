@@ -75,54 +75,48 @@ class ProjectedPreload:
     upper_n: list[float]
 
 
-class LongRun:
-    """Answers what an axis did over a long time."""
+def spectra_of(database: Database, axis_id: str) -> list[Spectrum]:
+    """Return responses over the time, newest first: of each stretch the one measured nearest to one position.
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
+    The position is the usual one, and those under a payload are left out if there are others: both move the mode.
+    """
+    with database.read() as session:
+        number = axes.get_axis(session, axis_id).number
+        points = extremes(session.connection(), number, Span(), _CHOSEN_FROM)
+        measured = [point for point in points if point.frequency_hz is not None and point.set_preload_n is None]
+        bare = [point for point in measured if not point.payload_kg]
+        chosen = _alike((bare if len(bare) > 1 else measured)[::-1])
+        stored = measurements.responses_of(session, [point.measurement_id for point in chosen])
+    return [_spectrum(point, stored[point.measurement_id]) for point in chosen if point.measurement_id in stored]
 
-    def spectra(self, axis_id: str) -> list[Spectrum]:
-        """Return responses over the time, newest first: of each stretch the one measured nearest to one position.
 
-        The position is the usual one, and those under a payload are left out if there are others: both move the mode.
-        """
-        with self._database.read() as session:
-            number = axes.get_axis(session, axis_id).number
-            points = extremes(session.connection(), number, Span(), _CHOSEN_FROM)
-            measured = [point for point in points if point.frequency_hz is not None and point.set_preload_n is None]
-            bare = [point for point in measured if not point.payload_kg]
-            chosen = _alike((bare if len(bare) > 1 else measured)[::-1])
-            stored = measurements.responses_of(session, [point.measurement_id for point in chosen])
-        return [_spectrum(point, stored[point.measurement_id]) for point in chosen if point.measurement_id in stored]
+def sisters_with_trend(database: Database, axis_id: str) -> list[Sister]:
+    """Return the axis and others of its type, each with its trend in brief; the axis alone if it states no type."""
+    with database.read() as session:
+        own = axes.get_axis(session, axis_id)
+        rows = [own, *sisters_of(session, own, MOST_SISTERS)]
+        return [
+            Sister(row.id, row.name, row.state, extremes(session.connection(), row.number, Span(), _OF_A_SISTER))
+            for row in rows
+        ]
 
-    def sisters(self, axis_id: str) -> list[Sister]:
-        """Return the axis and others of its type, each with its trend in brief; the axis alone if it states no type."""
-        with self._database.read() as session:
-            own = axes.get_axis(session, axis_id)
-            rows = [own, *sisters_of(session, own, MOST_SISTERS)]
-            return [
-                Sister(row.id, row.name, row.state, extremes(session.connection(), row.number, Span(), _OF_A_SISTER))
-                for row in rows
-            ]
 
-    def projection(self, axis_id: str) -> ProjectedPreload | None:
-        """Return where the preload would go; None if too little was measured.
+def projection_of(database: Database, axis_id: str) -> ProjectedPreload | None:
+    """Return where the preload would go; None if too little was measured.
 
-        It rests on what was measured since the onset of the alarm that stands, without one on the newest measurements.
-        """
-        with self._database.read() as session:
-            row = axes.get_axis(session, axis_id)
-            newest = alarms.list_alarms(session, axis_id=axis_id, status=None, before_id=None, limit=1)
-            standing = newest and newest[0].status in alarms.OPEN
-            span = Span(read_evidence(newest[0].evidence).onset if standing else None)
-            points = page_of_points(
-                session.connection(), row.number, span, after=None, limit=_LOOKED_AT, newest_first=True
-            )
-        judged = [
-            point for point in points
-            if point.preload_n is not None and point.set_preload_n is None and not point.doubts
-        ]  # fmt: skip
-        return _projected(judged[::-1] if standing else judged[:_NEWEST][::-1])
+    It rests on what was measured since the onset of the alarm that stands, without one on the newest measurements.
+    """
+    with database.read() as session:
+        row = axes.get_axis(session, axis_id)
+        newest = alarms.list_alarms(session, axis_id=axis_id, status=None, before_id=None, limit=1)
+        standing = newest and newest[0].status in alarms.OPEN
+        span = Span(read_evidence(newest[0].evidence).onset if standing else None)
+        points = page_of_points(session.connection(), row.number, span, after=None, limit=_LOOKED_AT, newest_first=True)
+    judged = [
+        point for point in points
+        if point.preload_n is not None and point.set_preload_n is None and not point.doubts
+    ]  # fmt: skip
+    return _projected(judged[::-1] if standing else judged[:_NEWEST][::-1])
 
 
 def _alike(points: Sequence[TrendPoint]) -> list[TrendPoint]:

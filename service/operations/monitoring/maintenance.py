@@ -57,47 +57,40 @@ class MaintenanceIn(RequestModel):
     )
 
 
-class Maintenance:
-    """Keeps the log. Entries are added and never changed."""
+def log_of(database: Database, axis_id: str) -> list[MaintenanceRow]:
+    """Return all entries by when the work was done, corrected ones included."""
+    with database.read() as session:
+        get_axis(session, axis_id)
+        return maintenance.log_of(session, axis_id)
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
-    def log(self, axis_id: str) -> list[MaintenanceRow]:
-        """Return all entries by when the work was done, corrected ones included."""
-        with self._database.read() as session:
-            get_axis(session, axis_id)
-            return maintenance.log_of(session, axis_id)
+def enter(database: Database, axis_id: str, entry: MaintenanceIn) -> tuple[MaintenanceRow, bool]:
+    """Add an entry and fold the charts again from where it changes them; tell whether it is new.
 
-    def enter(self, axis_id: str, entry: MaintenanceIn) -> tuple[MaintenanceRow, bool]:
-        """Add an entry and fold the charts again from where it changes them; tell whether it is new.
-
-        The same entry sent once more is the one that is there. Raises InvalidRequestError if the work is still to be
-        done; UnknownResourceError or ConflictError if it corrects no entry of the axis, or one that is corrected.
-        """
-        at = now()
-        if entry.at > at + MOST_AHEAD:
-            raise InvalidRequestError(
-                f"an entry says what was done, until now ({text_of(at)}); got {text_of(entry.at)}"
-            )
-        with self._database.write(axis_id) as session:
-            get_axis(session, axis_id)
-            log = maintenance.log_of(session, axis_id)
-            same = [row for row in log if _said(row) == entry.model_dump()]
-            if same:
-                return same[-1], False
-            if entry.corrects is not None:
-                _require_standing(axis_id, log, entry.corrects)
-            row = MaintenanceRow(axis_id=axis_id, entered_at=at, **entry.model_dump())
-            session.add(row)
-            session.flush()
-            connection = session.connection()
-            before, after = _begins(maintenance.standing(log)), _begins(maintenance.standing([*log, row]))
-            for moment in sorted(before ^ after):
-                axis = intake.read_axis(connection, axis_id)
-                epoch = EpochRecord(axis.number, moment, MAINTENANCE)
-                (begin_by_maintenance if moment in after else take_back)(connection, axis, epoch)
-            return row, True
+    The same entry sent once more is the one that is there. Raises InvalidRequestError if the work is still to be
+    done; UnknownResourceError or ConflictError if it corrects no entry of the axis, or one that is corrected.
+    """
+    at = now()
+    if entry.at > at + MOST_AHEAD:
+        raise InvalidRequestError(f"an entry says what was done, until now ({text_of(at)}); got {text_of(entry.at)}")
+    with database.write(axis_id) as session:
+        get_axis(session, axis_id)
+        log = maintenance.log_of(session, axis_id)
+        same = [row for row in log if _said(row) == entry.model_dump()]
+        if same:
+            return same[-1], False
+        if entry.corrects is not None:
+            _require_standing(axis_id, log, entry.corrects)
+        row = MaintenanceRow(axis_id=axis_id, entered_at=at, **entry.model_dump())
+        session.add(row)
+        session.flush()
+        connection = session.connection()
+        before, after = _begins(maintenance.standing(log)), _begins(maintenance.standing([*log, row]))
+        for moment in sorted(before ^ after):
+            axis = intake.read_axis(connection, axis_id)
+            epoch = EpochRecord(axis.number, moment, MAINTENANCE)
+            (begin_by_maintenance if moment in after else take_back)(connection, axis, epoch)
+        return row, True
 
 
 def _said(row: MaintenanceRow) -> dict[str, object]:

@@ -11,12 +11,13 @@ from typing import Final
 from service.clock import now, text_of
 from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
+from service.operations.monitoring import maintenance
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.intake.ingest import Ingest
-from service.operations.monitoring.maintenance import Maintenance, MaintenanceIn, Work
+from service.operations.monitoring.maintenance import MaintenanceIn, Work
 from service.operations.monitoring.trend import Trend
 from service.operations.trial.story import (
     BAND,
@@ -52,7 +53,7 @@ class Trials:
 
     def __init__(
         self, database: Database, runner: JobRunner, ingest: Ingest, *,
-        axes: Axes, trend: Trend, calibrations: Calibrations, alarms: Alarms, maintenance: Maintenance,
+        axes: Axes, trend: Trend, calibrations: Calibrations, alarms: Alarms
     ) -> None:  # fmt: skip
         self._database = database
         self._runner = runner
@@ -61,7 +62,6 @@ class Trials:
         self._trend = trend
         self._calibrations = calibrations
         self._alarms = alarms
-        self._maintenance = maintenance
 
     def start(self) -> JobRow:
         """Begin to make a trial axis of a name that is free.
@@ -170,7 +170,7 @@ class Trials:
 
     def _log(self, axis_id: str, at: datetime, kind: Work, note: str, set_preload_n: float | None) -> None:
         entry = MaintenanceIn(at=at, who=_FITTER, kind=kind, note=note, set_preload_n=set_preload_n)
-        self._maintenance.enter(axis_id, entry)
+        maintenance.enter(self._database, axis_id, entry)
 
     def _date_alarms(self, axis_id: str, chapters: Iterable[Chapter]) -> None:
         """Let what was done about alarms have been done after its chapter."""
