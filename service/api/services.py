@@ -1,9 +1,9 @@
 """Give the routers the operations of one application."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
-from fastapi import Request
+from fastapi import Depends, Request
 
 from service.jobs import JobRunner, Repeatedly
 from service.observability import Metrics
@@ -72,3 +72,7 @@ class Services:
 async def services(request: Request) -> Services:
     """Return the operations of the application that serves this request."""
     return cast(Services, request.app.state.services)
+
+
+#: What a route takes them by.
+ServicesOf = Annotated[Services, Depends(services)]

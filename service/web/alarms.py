@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Annotated, Final, Literal
 
-from fastapi import APIRouter, Depends, Form, Query, Request, Response
+from fastapi import APIRouter, Form, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from service.api.access import needs
 from service.api.alarms import AlarmOut, ExaminedOut, alarm_out
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.clock import now
 from service.documents.axis_sentence import alarm_sentence
 from service.documents.measurement import AlarmEvidence, interval_of, read_evidence
@@ -55,9 +55,7 @@ class ListedAlarm:
 
 
 @router.get("/alarms", dependencies=[needs(Scope.TRENDS_READ)])
-def alarms_page(
-    page: PageOf, query: Annotated[AlarmsPageQuery, Query()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def alarms_page(page: PageOf, query: Annotated[AlarmsPageQuery, Query()], on: ServicesOf) -> Response:
     """List the alarms that stand, then those that were cleared lately."""
     standing = on.alarms.standing()
     names = on.trend.names()
@@ -100,7 +98,7 @@ _SEARCHED: Final = 200
 
 
 @router.get("/alarms/{alarm}", dependencies=[needs(Scope.TRENDS_READ)])
-def alarm_page(alarm: RowId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
     """Show one alarm."""
     view = on.alarms.get(alarm)
     status = on.trend.status(view.row.axis_id)
@@ -199,9 +197,7 @@ class ShelveForm(ChangeForm):
 
 
 @router.post("/alarms/{alarm}/acknowledge", dependencies=[needs(Scope.ALARMS_ACK)])
-def acknowledge(
-    alarm: RowId, form: Annotated[SeenForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
-) -> Response:
+def acknowledge(alarm: RowId, form: Annotated[SeenForm, Form()], request: Request, on: ServicesOf) -> Response:
     """Note that somebody has seen an alarm, and go back to where it was said."""
     view = on.alarms.acknowledge(alarm, form.comment, request.state.caller.signature, seen=form.seen_event)
     path = {"axis": f"/axes/{view.row.axis_id}", "alarm": f"/alarms/{alarm}", "alarms": "/alarms"}[form.back]
@@ -209,18 +205,14 @@ def acknowledge(
 
 
 @router.post("/alarms/{alarm}/comment", dependencies=[needs(Scope.ALARMS_ACK)])
-def comment(
-    alarm: RowId, form: Annotated[CommentForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
-) -> Response:
+def comment(alarm: RowId, form: Annotated[CommentForm, Form()], request: Request, on: ServicesOf) -> Response:
     """Keep what somebody says of an alarm."""
     on.alarms.comment(alarm, form.comment, request.state.caller.signature)
     return done(f"/alarms/{alarm}", "commented")
 
 
 @router.post("/alarms/{alarm}/shelve", dependencies=[needs(Scope.ALARMS_ACK)])
-def shelve(
-    alarm: RowId, form: Annotated[ShelveForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
-) -> Response:
+def shelve(alarm: RowId, form: Annotated[ShelveForm, Form()], request: Request, on: ServicesOf) -> Response:
     """Let an alarm rest until a moment."""
     until = moment_of(form.until, form.zone)
     if until is None:
@@ -230,9 +222,7 @@ def shelve(
 
 
 @router.post("/alarms/{alarm}/clear", dependencies=[needs(Scope.ALARMS_ACK)])
-def clear(
-    alarm: RowId, form: Annotated[ChangeForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
-) -> Response:
+def clear(alarm: RowId, form: Annotated[ChangeForm, Form()], request: Request, on: ServicesOf) -> Response:
     """Close an alarm: what is now becomes normal."""
     on.alarms.clear(alarm, form.comment, request.state.caller.signature, seen=form.seen_event)
     return done(f"/alarms/{alarm}", "cleared")

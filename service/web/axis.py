@@ -6,14 +6,14 @@ from datetime import datetime
 from typing import Annotated, Final
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict
 
 from service.api.access import needs
 from service.api.alarms import AlarmOut, alarm_out
 from service.api.axes import axis_out
 from service.api.jobs import JobOut, job_out
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.documents.axis_sentence import standing
 from service.documents.measurement import interval_of
 from service.documents.said import N_
@@ -96,9 +96,7 @@ class Listed:
 
 
 @router.get("/axes/{axis}", dependencies=[needs(Scope.TRENDS_READ)])
-def axis_page(
-    axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()], on: ServicesOf) -> Response:
     """Show one axis."""
     status = on.trend.status(axis)
     overview, history = on.calibrations.overview(axis), on.history.of(axis)

@@ -3,12 +3,12 @@
 from datetime import datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Form, Response
+from fastapi import APIRouter, Form, Response
 from pydantic import Field, ValidationError
 
 from monitor_core.errors import MonitorCoreError
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.errors import ServiceError
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
@@ -50,29 +50,25 @@ def _text(moment: datetime | None) -> str | None:
 
 
 @router.get("/axes/{axis}/identifications", dependencies=[needs(Scope.REPLAYS_RUN)])
-def identifications_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def identifications_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show the form that begins an identification."""
     return _form(axis, "identifications", page, on)
 
 
 @router.get("/axes/{axis}/discrepancies", dependencies=[needs(Scope.REPLAYS_RUN)])
-def discrepancies_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def discrepancies_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show the form that begins a comparison with the model."""
     return _form(axis, "discrepancies", page, on)
 
 
 @router.post("/axes/{axis}/identifications", dependencies=[needs(Scope.REPLAYS_RUN)])
-def identify(
-    axis: AxisId, form: Annotated[AnalysisForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
-) -> Response:
+def identify(axis: AxisId, form: Annotated[AnalysisForm, Form()], page: PageOf, on: ServicesOf) -> Response:
     """Begin an identification."""
     return _begin(axis, "identifications", page, on, form)
 
 
 @router.post("/axes/{axis}/discrepancies", dependencies=[needs(Scope.REPLAYS_RUN)])
-def compare(
-    axis: AxisId, form: Annotated[AnalysisForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
-) -> Response:
+def compare(axis: AxisId, form: Annotated[AnalysisForm, Form()], page: PageOf, on: ServicesOf) -> Response:
     """Begin a comparison with the model."""
     return _begin(axis, "discrepancies", page, on, form)
 
@@ -86,7 +82,7 @@ def _form(axis: str, question: Question, page: Page, on: Services) -> Response:
 
 def _page(
     axis: str, question: Question, page: Page, on: Services, form: AnalysisForm, *,
-    first: datetime | None = None, refusal: str | None = None,
+    first: datetime | None = None, refusal: str | None = None
 ) -> Response:  # fmt: skip
     return page.show(
         "axis_analysis.html",

@@ -7,11 +7,11 @@ and the form is shown again with what was typed, and with what the other one cha
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Form, Response
+from fastapi import APIRouter, Form, Response
 from pydantic import BaseModel, Field, ValidationError
 
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.errors import InvalidRequestError, PreconditionError
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
@@ -101,7 +101,7 @@ class ChangeForm(SettingsForm):
 
 
 @router.get("/axes/{axis}/settings", dependencies=[needs(Scope.TRENDS_READ)])
-def settings_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def settings_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show the settings as they are."""
     status = on.trend.status(axis)
     return _form(axis, page, on, form_of(status.row.name, status.configuration))
@@ -109,7 +109,7 @@ def settings_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(se
 
 def _form(
     axis: str, page: Page, on: Services, form: SettingsForm, *,
-    status: int = 200, refusal: str | None = None, theirs: tuple[Change, ...] = (),
+    status: int = 200, refusal: str | None = None, theirs: tuple[Change, ...] = ()
 ) -> Response:  # fmt: skip
     stored = on.trend.status(axis)
     return page.show(
@@ -126,9 +126,7 @@ def _form(
 
 
 @router.post("/axes/{axis}/settings/review", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def review(
-    axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
-) -> Response:
+def review(axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: ServicesOf) -> Response:
     """Show what would be changed and what follows from it; nothing is saved."""
     try:
         name, wanted = _wanted(axis, form, on)
@@ -141,9 +139,7 @@ def review(
 
 
 @router.post("/axes/{axis}/settings", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def save(
-    axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
-) -> Response:
+def save(axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: ServicesOf) -> Response:
     """Save, and go back to the axis; refused if somebody was faster."""
     try:
         name, wanted = _wanted(axis, form, on)

@@ -3,11 +3,11 @@
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Form, Query, Request, Response
+from fastapi import APIRouter, Form, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import ServicesOf
 from service.clock import now
 from service.errors import InvalidRequestError, UnknownResourceError
 from service.operations.access.scopes import Scope
@@ -40,9 +40,7 @@ class WorkForm(BaseModel):
 
 
 @router.get("/axes/{axis}/work", dependencies=[needs(Scope.ALARMS_ACK)])
-def work_page(
-    axis: AxisId, page: PageOf, query: Annotated[WorkQuery, Query()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def work_page(axis: AxisId, page: PageOf, query: Annotated[WorkQuery, Query()], on: ServicesOf) -> Response:
     """Show the form and the log, newest first."""
     log = maintenance.log_of(on.database, axis)[::-1]
     return page.show(
@@ -66,9 +64,7 @@ def _entry(axis: str, log: list[MaintenanceRow], number: int | None) -> Maintena
 
 
 @router.post("/axes/{axis}/work", dependencies=[needs(Scope.ALARMS_ACK)])
-def log_work(
-    axis: AxisId, form: Annotated[WorkForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
-) -> Response:
+def log_work(axis: AxisId, form: Annotated[WorkForm, Form()], request: Request, on: ServicesOf) -> Response:
     """Enter what was done, by who is logged in, and go back to the axis."""
     entry = {
         "at": _when(form),
@@ -90,14 +86,14 @@ def _when(form: WorkForm) -> datetime:
 
 
 @router.post("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def archive(axis: AxisId, on: Annotated[Services, Depends(services)]) -> Response:
+def archive(axis: AxisId, on: ServicesOf) -> Response:
     """Hide an axis from the fleet."""
     on.axes.archive(axis, archived=True)
     return done(f"/axes/{axis}", "archived")
 
 
 @router.post("/axes/{axis}/unarchive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def take_back(axis: AxisId, on: Annotated[Services, Depends(services)]) -> Response:
+def take_back(axis: AxisId, on: ServicesOf) -> Response:
     """Take an archived axis back."""
     on.axes.archive(axis, archived=False)
     return done(f"/axes/{axis}", "taken-back")

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Form, Query, Response
+from fastapi import APIRouter, Form, Query, Response
 from markupsafe import Markup
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -13,7 +13,7 @@ from monitor_core.recordings.elements.units import to_millimetres
 from service.api.access import needs
 from service.api.calibrating import plan_out
 from service.api.jobs import job_out
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.documents.said import N_
 from service.errors import ConflictError, InvalidRequestError, PreconditionError, status_of
 from service.operations.access.scopes import Scope
@@ -101,17 +101,13 @@ class Document(BaseModel):
 
 
 @router.get("/axes/{axis}/calibrate", dependencies=[needs(Scope.TRENDS_READ)])
-def calibrate_page(
-    axis: AxisId, page: PageOf, form: Annotated[PlanForm, Query()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def calibrate_page(axis: AxisId, page: PageOf, form: Annotated[PlanForm, Query()], on: ServicesOf) -> Response:
     """Show what to measure next, what is measured, how the fit stands, and the calibrations that there are."""
     return _calibrate_page(page, axis, form, on)
 
 
 @router.post("/axes/{axis}/calibrate", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def fit(
-    axis: AxisId, page: PageOf, form: Annotated[FitForm, Form()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def fit(axis: AxisId, page: PageOf, form: Annotated[FitForm, Form()], on: ServicesOf) -> Response:
     """Begin a fit in the background; whoever comes back to the page finds it."""
     prior = on.axes.get(axis).active_calibration_id if form.use_known else None
     try:
@@ -122,7 +118,7 @@ def fit(
 
 
 @router.post("/axes/{axis}/calibrate/{job}/cancel", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def cancel(axis: AxisId, job: JobId, on: Annotated[Services, Depends(services)]) -> Response:
+def cancel(axis: AxisId, job: JobId, on: ServicesOf) -> Response:
     """Stop a fit."""
     row = on.jobs.get(job)
     if (row.kind, row.axis_id) != (KIND, axis):
@@ -136,7 +132,7 @@ def calibration_page(
     axis: AxisId,
     calibration: RowId,
     page: PageOf,
-    on: Annotated[Services, Depends(services)],
+    on: ServicesOf,
     other: Annotated[int | None, Query(alias="with", ge=1, lt=2**63)] = None,
 ) -> Response:
     """Show a calibration for review, against the one in force or another one."""
@@ -162,12 +158,7 @@ def calibration_page(
 
 
 @router.post("/axes/{axis}/calibrations/{calibration}/activate", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def activate(
-    axis: AxisId,
-    calibration: RowId,
-    form: Annotated[ActivateForm, Form()],
-    on: Annotated[Services, Depends(services)],
-) -> Response:
+def activate(axis: AxisId, calibration: RowId, form: Annotated[ActivateForm, Form()], on: ServicesOf) -> Response:
     """Put a calibration in force, or an earlier one again; what was measured before is judged by it where wanted."""
     _, active = on.calibrations.get(axis, calibration)
     seen = "none" if active is None else str(active)

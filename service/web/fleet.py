@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Final, Literal
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Query, Response
 from markupsafe import Markup
 from pydantic import BaseModel, Field
 
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.monitoring.alarms import AlarmView
@@ -70,15 +70,13 @@ class FleetAxis:
 
 
 @router.get("/", dependencies=[needs(Scope.TRENDS_READ)])
-def fleet_page(
-    page: PageOf, query: Annotated[FleetQuery, Query()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def fleet_page(page: PageOf, query: Annotated[FleetQuery, Query()], on: ServicesOf) -> Response:
     """Show all axes, worst first."""
     return _fleet("fleet.html", page, query, on)
 
 
 @router.get("/wall", dependencies=[needs(Scope.TRENDS_READ)])
-def wall_page(page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def wall_page(page: PageOf, on: ServicesOf) -> Response:
     """Show the worst axes in large type."""
     return _fleet("wall.html", page, FleetQuery(), on)
 
@@ -187,14 +185,14 @@ def is_trial(status: AxisStatus) -> bool:
 
 
 @router.post("/trials", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def begin_trial(on: Annotated[Services, Depends(services)]) -> Response:
+def begin_trial(on: ServicesOf) -> Response:
     """Begin to make a trial axis."""
     on.trials.start()
     return done("/", "trial-begun")
 
 
 @router.post("/trials/end", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def end_trial(on: Annotated[Services, Depends(services)]) -> Response:
+def end_trial(on: ServicesOf) -> Response:
     """Put the trial away."""
     on.trials.end()
     return done("/", "trial-ended")

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from datetime import datetime
 from functools import partial
-from typing import Annotated, Final
+from typing import Final
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 from pydantic import BaseModel
 from starlette.concurrency import run_in_threadpool
@@ -15,7 +15,7 @@ from monitor_core.errors import MonitorCoreError
 from service.api.access import needs
 from service.api.jobs import job_out
 from service.api.recordings import receive, recording_out
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.documents.map_form import MapTable, filled_map, map_tables
 from service.errors import ConflictError, ServiceError, status_of
 from service.operations.access.scopes import Scope
@@ -64,13 +64,13 @@ class Found(BaseModel):
 
 
 @router.get("/axes/{axis}/import", dependencies=[needs(Scope.TRENDS_READ)])
-def import_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def import_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show where a file is dropped, and the recordings that the axis has."""
     return _upload_page(page, axis, on)
 
 
 @router.post("/axes/{axis}/import", dependencies=[needs(Scope.WINDOWS_WRITE)])
-async def upload(axis: AxisId, page: PageOf, request: Request, on: Annotated[Services, Depends(services)]) -> Response:
+async def upload(axis: AxisId, page: PageOf, request: Request, on: ServicesOf) -> Response:
     """Take an upload as it arrives, and lead on to what is in it."""
     try:
         job = await receive(axis, request, check_only=True)
@@ -85,17 +85,13 @@ async def upload(axis: AxisId, page: PageOf, request: Request, on: Annotated[Ser
 
 
 @router.get("/axes/{axis}/import/{recording}", dependencies=[needs(Scope.TRENDS_READ)])
-def recording_page(
-    axis: AxisId, recording: RowId, page: PageOf, on: Annotated[Services, Depends(services)]
-) -> Response:
+def recording_page(axis: AxisId, recording: RowId, page: PageOf, on: ServicesOf) -> Response:
     """Show what is in a recording, the map of its channels to be filled in, and how far its windows are taken."""
     return _recording_page(page, on, on.recordings.get(axis, recording))
 
 
 @router.post("/axes/{axis}/import/{recording}", dependencies=[needs(Scope.WINDOWS_WRITE)])
-async def take(
-    axis: AxisId, recording: RowId, request: Request, page: PageOf, on: Annotated[Services, Depends(services)]
-) -> Response:
+async def take(axis: AxisId, recording: RowId, request: Request, page: PageOf, on: ServicesOf) -> Response:
     """Take the windows of a recording; what does not fit is said, and all that was typed stays."""
     return await run_in_threadpool(_take, axis, recording, await request.form(), page, on)
 
@@ -128,7 +124,7 @@ def _upload_page(page: Page, axis: str, on: Services, *, refusal: str = "", stat
 
 def _recording_page(
     page: Page, on: Services, view: RecordingView, *, refusal: str = "", typed: Mapping[str, str] | None = None,
-    status: int = 200,
+    status: int = 200
 ) -> Response:  # fmt: skip
     found = _found(view)
     needs_map = found is not None and found.map is not None and view.row.channel_map is None

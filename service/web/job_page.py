@@ -3,12 +3,12 @@
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Form, Response
+from fastapi import APIRouter, Form, Response
 from pydantic import BaseModel
 
 from service.api.access import needs
 from service.api.jobs import JobOut, job_out
-from service.api.services import Services, services
+from service.api.services import ServicesOf
 from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import DiscrepancyIn, FoundDiscrepancy
 from service.operations.fields import JobId
@@ -63,7 +63,7 @@ class CancelForm(BaseModel):
 
 
 @router.get("/jobs/{job}", dependencies=[needs(Scope.TRENDS_READ)])
-def job_page(job: JobId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def job_page(job: JobId, page: PageOf, on: ServicesOf) -> Response:
     """Show a job, its progress or its result."""
     out = job_out(on.jobs.get(job))
     return page.show(
@@ -90,7 +90,7 @@ def _found(job: JobOut, kind: str, result: Result) -> BaseModel | None:
 
 
 @router.post("/jobs/{job}/cancel", dependencies=[needs(Scope.REPLAYS_RUN)])
-def cancel(job: JobId, form: Annotated[CancelForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
+def cancel(job: JobId, form: Annotated[CancelForm, Form()], on: ServicesOf) -> Response:
     """Ask a job to stop."""
     on.jobs.cancel(job)
     return done("/system" if form.back == "system" else f"/jobs/{job}", "cancelled")

@@ -3,12 +3,12 @@
 from typing import Annotated
 from urllib.parse import urlsplit
 
-from fastapi import APIRouter, Depends, Form, Request, Response
+from fastapi import APIRouter, Form, Request, Response
 from fastapi.responses import RedirectResponse
 from pydantic import BaseModel, Field
 
 from service.api.access import COOKIE
-from service.api.services import Services, services
+from service.api.services import ServicesOf
 from service.clock import now
 from service.errors import TooManyTriesError, UnauthenticatedError
 from service.operations.access.passwords import LONGEST_PASSWORD
@@ -32,9 +32,7 @@ def login_page(page: PageOf, next: str = "/") -> Response:  # noqa: A002 - what 
 
 
 @router.post("/login")
-def log_in(
-    request: Request, page: PageOf, form: Annotated[LoginForm, Form()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def log_in(request: Request, page: PageOf, form: Annotated[LoginForm, Form()], on: ServicesOf) -> Response:
     """Log in, and go on to the page that was asked for."""
     address = request.client.host if request.client else "unknown"
     try:
@@ -62,7 +60,7 @@ def log_in(
 
 
 @router.post("/logout")
-def log_out(request: Request, on: Annotated[Services, Depends(services)]) -> Response:
+def log_out(request: Request, on: ServicesOf) -> Response:
     """Log out."""
     token = request.cookies.get(COOKIE)
     if token is not None:

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Response
 from markupsafe import Markup
 
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId
@@ -60,7 +60,7 @@ class ListedSister:
 
 
 @router.get("/axes/{axis}/long-run", dependencies=[needs(Scope.TRENDS_READ)])
-def long_run_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def long_run_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show what an axis did over a long time."""
     spectra, words = spectra_of(on.database, axis), page.words
     shares = [

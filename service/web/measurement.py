@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Response
 from pydantic import BaseModel
 
 from monitor_core.arrays import FloatArray
@@ -15,7 +15,7 @@ from monitor_core.preload import PreloadLadder
 from monitor_core.recording import ExcitationQuantity, Window
 from monitor_core.response import FrequencyResponse
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.api.trend import judgement_out
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
@@ -74,9 +74,7 @@ class Rung:
 
 
 @router.get("/axes/{axis}/measurements/{measurement}", dependencies=[needs(Scope.TRENDS_READ)])
-def measurement_page(
-    axis: AxisId, measurement: RowId, page: PageOf, on: Annotated[Services, Depends(services)]
-) -> Response:
+def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: ServicesOf) -> Response:
     """Show why a measurement has its value."""
     view = on.trend.measurement(axis, measurement)
     last, said = Last.model_validate(view.outcome or {}), _Said.model_validate(view.outcome or {})

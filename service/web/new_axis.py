@@ -4,12 +4,12 @@ import re
 import unicodedata
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Depends, Form, Query, Response
+from fastapi import APIRouter, Form, Query, Response
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from monitor_core.errors import MonitorCoreError
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.errors import ConflictError, ServiceError, status_of
 from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import AxisProposal, CatalogueIn, axis_proposal
@@ -47,18 +47,14 @@ class NewAxisForm(BaseModel):
 
 
 @router.get("/axes/new", dependencies=[needs(Scope.TRENDS_READ)])
-def new_axis_page(
-    page: PageOf, form: Annotated[NewAxisForm, Query()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def new_axis_page(page: PageOf, form: Annotated[NewAxisForm, Query()], on: ServicesOf) -> Response:
     """Show the form, and the band that its data let expect."""
     proposal, refusal = _proposal(form)
     return _page(page, form, on, proposal, refusal=refusal)
 
 
 @router.post("/axes/new", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def register_axis(
-    page: PageOf, form: Annotated[NewAxisForm, Form()], on: Annotated[Services, Depends(services)]
-) -> Response:
+def register_axis(page: PageOf, form: Annotated[NewAxisForm, Form()], on: ServicesOf) -> Response:
     """Register the axis and lead on to its first recording; what does not fit is said, and stays as it was typed."""
     proposal, refusal = _proposal(form)
     if proposal is None:

@@ -2,11 +2,11 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Form, Request, Response
+from fastapi import APIRouter, Form, Request, Response
 from pydantic import BaseModel, Field
 
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import ServicesOf
 from service.errors import InvalidRequestError
 from service.operations import retention
 from service.operations.access.scopes import Scope
@@ -44,7 +44,7 @@ class UnpinForm(BaseModel):
 
 
 @router.get("/axes/{axis}/stored", dependencies=[needs(Scope.TRENDS_READ)])
-def stored_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+def stored_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show what can be judged again and what is kept."""
     overview = on.calibrations.overview(axis)
     ends = [on.trend.page(axis, Span(), cursor=None, limit=1, newest_first=newest).points for newest in (False, True)]
@@ -60,7 +60,7 @@ def stored_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(serv
 
 
 @router.post("/axes/{axis}/stored/rejudgements", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def rejudge(axis: AxisId, form: Annotated[RejudgeForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
+def rejudge(axis: AxisId, form: Annotated[RejudgeForm, Form()], on: ServicesOf) -> Response:
     """Begin to judge again, and lead to the job; refused if another calibration came into force meanwhile."""
     asked = RejudgementIn.model_validate({
         "calibration": form.calibration,
@@ -74,9 +74,7 @@ def rejudge(axis: AxisId, form: Annotated[RejudgeForm, Form()], on: Annotated[Se
 
 
 @router.post("/axes/{axis}/stored/pins", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def pin(
-    axis: AxisId, form: Annotated[PinForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
-) -> Response:
+def pin(axis: AxisId, form: Annotated[PinForm, Form()], request: Request, on: ServicesOf) -> Response:
     """Keep the waveforms of a period."""
     span = form.span
     if span.start is None or span.end is None:
@@ -86,7 +84,7 @@ def pin(
 
 
 @router.post("/axes/{axis}/stored/unpin", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def unpin(axis: AxisId, form: Annotated[UnpinForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
+def unpin(axis: AxisId, form: Annotated[UnpinForm, Form()], on: ServicesOf) -> Response:
     """Let the rule decide about a period again; refused if somebody has done so already."""
     retention.remove_pin(on.database, axis, form.pin)
     return done(f"/axes/{axis}/stored", "unpinned")

@@ -2,14 +2,14 @@
 
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import Field
 
 from service.api.access import needs
 from service.api.jobs import job_out
 from service.api.receivers import receivers_out
 from service.api.retention import retention_out
-from service.api.services import Services, services
+from service.api.services import ServicesOf
 from service.api.system import system_out
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
@@ -30,9 +30,7 @@ class SystemQuery(RequestModel):
 
 
 @router.get("/system", dependencies=[needs(Scope.TRENDS_READ)])
-def system_page(
-    page: PageOf, query: Annotated[SystemQuery, Query()], request: Request, on: Annotated[Services, Depends(services)]
-) -> Response:
+def system_page(page: PageOf, query: Annotated[SystemQuery, Query()], request: Request, on: ServicesOf) -> Response:
     """Show how the service stands; the log of changes only to those who may read it."""
     may_read_log = Scope.ADMIN in request.state.caller.scopes
     return page.show(
