@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.effects.drive_effects import MODULUS_PER_KELVIN
 from monitor_core.effects.effect import Effect, EffectParameter
-from monitor_core.effects.thermal import MODULUS_PER_KELVIN
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation

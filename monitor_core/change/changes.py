@@ -7,13 +7,17 @@ from enum import StrEnum
 
 from monitor_core.change.cells import SENSOR_GAIN, ThenAndNow, since_then
 from monitor_core.change.reference_axis import ReferenceAxis
+from monitor_core.effects.drive_effects import (
+    ADDED_MASS,
+    BEARING_CHANGE,
+    FAR_BEARING_CHANGE,
+    POSITION_OFFSET,
+    PRELOAD_CHANGE,
+    TORQUE_DELAY,
+    WARMING,
+)
 from monitor_core.effects.effect import Effect, EffectParameter
-from monitor_core.effects.inertia import ADDED_MASS
-from monitor_core.effects.preload import PRELOAD_CHANGE
-from monitor_core.effects.sensing import POSITION_OFFSET, TORQUE_DELAY
 from monitor_core.effects.sizes import MachineSizes, Reference
-from monitor_core.effects.stiffness import BEARING_CHANGE, FAR_BEARING_CHANGE
-from monitor_core.effects.thermal import WARMING
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.models.extended import moving_mass
 

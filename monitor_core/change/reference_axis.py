@@ -8,7 +8,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.change.cells import ChangeTolerances, ThenAndNow
 from monitor_core.change.reference_ratio import compare_reference
-from monitor_core.effects.thermal import WARMING
+from monitor_core.effects.drive_effects import WARMING
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.evidence import covariance, evidence_scale

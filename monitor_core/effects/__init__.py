@@ -1,7 +1,13 @@
-"""Effects that an axis may have beyond its model, by physics; ``catalogue`` lists them all."""
+"""Effects that an axis may have beyond its model.
 
-from monitor_core.effects.catalogue import DRIVE_EFFECTS, MOTION_EFFECTS, applicable_effects, with_effects
+Those of drives and of rigid axes in motion stand in a table each, ``drive_effects`` and ``motion_effects``; laws,
+ports, units and wrong parameters are made for an axis.
+"""
+
+from monitor_core.effects.catalogue import applicable_effects, with_effects
+from monitor_core.effects.drive_effects import DRIVE_EFFECTS
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, sized_for
+from monitor_core.effects.motion_effects import MOTION_EFFECTS
 from monitor_core.effects.ports import PORT_EFFECTS, Port, at_port, port_of
 from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.effects.variation import Form, Law, Variable, Variation, varying

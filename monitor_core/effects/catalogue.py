@@ -1,79 +1,19 @@
-"""The visible tables of effects, of drives and of rigid axes in motion, and a model with some of them.
-
-A new effect is written in the module of its physics in this folder, and gets a line in a table here (CONTRIBUTING.md).
-"""
+"""Which effects apply to an axis, and a model with some of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from monitor_core.effects import (
-    damping_friction,
-    inertia,
-    preload,
-    rigid_axis,
-    sensing,
-    stiffness,
-    structure,
-    thermal,
-    units,
-)
+from monitor_core.effects.drive_effects import DRIVE_EFFECTS
 from monitor_core.effects.effect import Effect
+from monitor_core.effects.motion_effects import MOTION_EFFECTS
 from monitor_core.effects.wrong_parameter import PREFIX, wrong_motion_parameter, wrong_parameter
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended import AxisPhysics, ExtendedModel
-from monitor_core.models.motion import MotionModel, MotionPhysics
+from monitor_core.models.extended import ExtendedModel
+from monitor_core.models.motion import MotionModel
 
 Physics = TypeVar("Physics")
 Model = TypeVar("Model", ExtendedModel, MotionModel)
-
-#: Keys as in FORMATS, section 6. Two entries share one: which of them an axis can have depends on its inertia.
-DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
-    inertia.ADDED_MASS,
-    inertia.PAYLOAD_MASS,
-    stiffness.SERIES_COMPLIANCE,
-    stiffness.FAR_BEARING_STIFFNESS,
-    stiffness.SCREW_AXIAL_STIFFNESS,
-    inertia.SCREW_DISTRIBUTED_MASS,
-    stiffness.TORSIONAL_FLEXIBILITY,
-    stiffness.TORSIONAL_FLEXIBILITY_OF_LUMPED_INERTIA,
-    damping_friction.LOSS_FACTOR,
-    damping_friction.GUIDE_FRICTION,
-    stiffness.GUIDE_STIFFNESS,
-    preload.PRELOAD_EXPONENT,
-    thermal.THERMAL_PRELOAD,
-    thermal.THERMAL_STIFFNESS,
-    sensing.POSITION_OFFSET,
-    sensing.TORQUE_DELAY,
-    sensing.SENSOR_MOUNTING_RESONANCE,
-    structure.BASE_COMPLIANCE,
-    stiffness.SERVO_STIFFNESS,
-    preload.PERIODIC_PRELOAD,
-    stiffness.CUBIC_STIFFNESS,
-    structure.SECOND_MODE,
-    inertia.NUT_MASS,
-    damping_friction.SCREW_LOSS,
-    structure.TABLE_ABSORBER,
-    structure.NUT_ABSORBER,
-    damping_friction.MOTOR_DAMPING,
-    sensing.RESPONSE_DELAY,
-    sensing.ANGLE_DELAY,
-    damping_friction.CONSTANT_LOSS_FACTOR,
-    units.RESPONSE_UNIT,
-    units.TORQUE_UNIT,
-)
-
-#: Keys as in FORMATS, section 6, and viscous friction for models that state none.
-MOTION_EFFECTS: tuple[Effect[MotionPhysics], ...] = (
-    rigid_axis.COULOMB_FRICTION,
-    rigid_axis.FORCE_OFFSET,
-    rigid_axis.DIRECTION_DEPENDENT_FRICTION,
-    rigid_axis.STRIBECK_FRICTION,
-    rigid_axis.FORCE_DELAY,
-    rigid_axis.FORCE_SCALE,
-    rigid_axis.VISCOUS_FRICTION,
-    units.MOTION_UNIT,
-)
 
 
 def applicable_effects(axis: Physics, effects: Sequence[Effect[Physics]]) -> tuple[Effect[Physics], ...]:

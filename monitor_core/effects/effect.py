@@ -3,85 +3,110 @@
 An effect holds neither data nor fitting: it is added to a description of the axis, and several are added one after the
 other. At the null values of its parameters it changes nothing.
 
-How an effect changes the description of an axis, and what an axis must have or lack for it.
-
-A quantity stands with the name of the value that changes it: ``increasing("added", table_mass="mass_kg")``. What these
-functions return can be pickled, as a search in several processes needs.
+Most effects change quantities of one record of the axis by one rule, each quantity by the value of one parameter:
+``increasing("added", table_mass="mass_kg")``; the record ``""`` is the physics itself. What :func:`increasing` and the
+functions after it return can be pickled, as a search in several processes needs.
 """
 
 import math
+import operator
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended import AxisPhysics
-from monitor_core.models.motion import MotionPhysics
-
-
-def changed(axis: AxisPhysics, record: str, **changes: float) -> AxisPhysics:
-    """Return the axis with other values in one of its records."""
-    return replace(axis, **{record: replace(getattr(axis, record), **changes)})
-
-
-def increasing(record: str, **by: str) -> Callable[[AxisPhysics, Mapping[str, float]], AxisPhysics]:
-    """Return the change of a drive that adds values to quantities of one of its records."""
-    return partial(_increased, record, by)
-
-
-def setting(record: str, **to: str) -> Callable[[AxisPhysics, Mapping[str, float]], AxisPhysics]:
-    """Return the change of a drive that puts values in place of quantities of one of its records."""
-    return partial(_set, record, to)
-
-
-def scaling(record: str, **by: str) -> Callable[[AxisPhysics, Mapping[str, float]], AxisPhysics]:
-    """Return the change of a drive that multiplies quantities of one of its records by e to the power of values."""
-    return partial(_scaled, record, by)
-
-
-def having(record: str, quantity: str) -> Callable[[AxisPhysics], bool]:
-    """Return the condition that a drive states a quantity, and not as zero."""
-    return partial(_has, record, quantity, True)
-
-
-def lacking(record: str, quantity: str) -> Callable[[AxisPhysics], bool]:
-    """Return the condition that a drive has nothing of a quantity yet."""
-    return partial(_has, record, quantity, False)
-
-
-def increasing_force(quantity: str, *, by: str) -> Callable[[MotionPhysics, Mapping[str, float]], MotionPhysics]:
-    """Return the change of a rigid axis that adds a value to one of its quantities."""
-    return partial(_increased_force, quantity, by)
-
-
-def _increased(record: str, by: Mapping[str, str], axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    part = getattr(axis, record)
-    return changed(axis, record, **{quantity: getattr(part, quantity) + values[name] for quantity, name in by.items()})
-
-
-def _set(record: str, to: Mapping[str, str], axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    return changed(axis, record, **{quantity: values[name] for quantity, name in to.items()})
-
-
-def _scaled(record: str, by: Mapping[str, str], axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    part = getattr(axis, record)
-    return changed(axis, record, **{item: getattr(part, item) * math.exp(values[name]) for item, name in by.items()})
-
-
-def _has(record: str, quantity: str, wanted: bool, axis: AxisPhysics) -> bool:
-    return bool(getattr(getattr(axis, record), quantity)) is wanted
-
-
-def _increased_force(quantity: str, by: str, axis: MotionPhysics, values: Mapping[str, float]) -> MotionPhysics:
-    return replace(axis, **{quantity: getattr(axis, quantity) + values[by]})
-
 
 #: What an effect is added to: the physics of an axis, or the forces of a rigid one in motion.
 Physics = TypeVar("Physics")
+
+#: What a quantity becomes, from what it is and the value of a parameter.
+_Rule = Callable[[float, float], float]
+_Change = Callable[[Any, Mapping[str, float]], Any]
+
+
+def changed(physics: Physics, record: str, **values: float) -> Physics:
+    """Return the physics of an axis with other values in one of its records, or in itself where that is ``""``."""
+    physics_: Any = physics
+    if not record:
+        return replace(physics_, **values)  # type: ignore[no-any-return]
+    return replace(physics_, **{record: replace(getattr(physics, record), **values)})  # type: ignore[no-any-return]
+
+
+def increasing(record: str, **by: str) -> _Change:
+    """Return the change that adds values to quantities."""
+    return partial(_changed_by_rule, operator.add, record, by)
+
+
+def setting(record: str, **to: str) -> _Change:
+    """Return the change that puts values in place of quantities."""
+    return partial(_changed_by_rule, _replaced, record, to)
+
+
+def scaling(record: str, **by: str) -> _Change:
+    """Return the change that multiplies quantities by e to the power of values."""
+    return partial(_changed_by_rule, _scaled, record, by)
+
+
+def growing(record: str, **by: str) -> _Change:
+    """Return the change that makes quantities larger by values, relative to what they are."""
+    return partial(_changed_by_rule, _grown, record, by)
+
+
+def filling(record: str, **by: str) -> _Change:
+    """Return the change that adds shares of what is missing to one."""
+    return partial(_changed_by_rule, _filled, record, by)
+
+
+def resonating(quantity: str, *, by: str) -> _Change:
+    """Return the change that gives a drive a mode of its own, by the quantity that is its size, such as ``base_mass``.
+
+    Its frequency and damping ratio are the parameters ``frequency_hz`` and ``damping_ratio``.
+    """
+    mode = quantity.rpartition("_")[0]
+    names = {quantity: by, f"{mode}_frequency": "frequency_hz", f"{mode}_damping_ratio": "damping_ratio"}
+    return setting("added", **names)
+
+
+def having(record: str, quantity: str) -> Callable[[Any], bool]:
+    """Return the condition that an axis states a quantity, and not as zero."""
+    return partial(_has, record, quantity, True)
+
+
+def lacking(record: str, quantity: str) -> Callable[[Any], bool]:
+    """Return the condition that an axis has nothing of a quantity yet."""
+    return partial(_has, record, quantity, False)
+
+
+def _changed_by_rule(
+    rule: _Rule, record: str, by: Mapping[str, str], physics: Physics, values: Mapping[str, float]
+) -> Physics:
+    part = getattr(physics, record) if record else physics
+    return changed(physics, record, **{item: rule(getattr(part, item), values[name]) for item, name in by.items()})
+
+
+def _replaced(_quantity: float, value: float) -> float:
+    return value
+
+
+def _scaled(quantity: float, value: float) -> float:
+    return quantity * math.exp(value)
+
+
+def _grown(quantity: float, value: float) -> float:
+    return quantity * (1.0 + value)
+
+
+def _filled(share: float, value: float) -> float:
+    return share + value * (1.0 - share)
+
+
+def _has(record: str, quantity: str, wanted: bool, physics: object) -> bool:
+    return bool(getattr(getattr(physics, record) if record else physics, quantity)) is wanted
+
 
 _KEY = re.compile(r"[a-z0-9-]+(:[a-z0-9_]+)?", re.ASCII)
 

@@ -16,7 +16,8 @@ says where something swings, how much of it, and at which frequency.
 
 from enum import StrEnum
 
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, lacking, setting
+from monitor_core.effects.effect import ConditionAxis, Effect, lacking, resonating, setting
+from monitor_core.effects.effect import EffectParameter as P
 from monitor_core.effects.sizes import Reference
 from monitor_core.models.extended import AxisPhysics
 
@@ -31,114 +32,67 @@ class Port(StrEnum):
 
 
 _SOURCE = "Den Hartog, Mechanical Vibrations, section 3.2: the auxiliary mass"
-_FREQUENCY = EffectParameter(
-    "frequency_hz", "Hz", lower=0.025, upper=25.0, scale=0.25, null=1.5, reference=Reference.FREQUENCY
-)
-_RATIO = EffectParameter("damping_ratio", "-", lower=0.0, upper=0.5, scale=0.02, null=0.02)
+_FREQUENCY = P("frequency_hz", "Hz", 0.025, 25.0, 0.25, null=1.5, reference=Reference.FREQUENCY)
+_RATIO = P("damping_ratio", "-", 0.0, 0.5, 0.02, null=0.02)
 _FROM = frozenset({ConditionAxis.FREQUENCY})
 
 _AT_PORT: dict[Port, Effect[AxisPhysics]] = {
     Port.ROTOR: Effect(
-        key="at-port:rotor",
-        name="Something that swings on the rotor",
-        physics=(
-            "A disc of a brake, an encoder or a wheel turns behind a spring and a damper of its own. At its own "
-            "frequency it holds the rotor nearly still."
-        ),
-        source=_SOURCE,
-        parameters=(
-            EffectParameter(
-                "inertia_kg_m2", "kg·m²", lower=0.0, upper=1.0, scale=0.01, reference=Reference.TURNING_INERTIA
-            ),
-            _FREQUENCY,
-            _RATIO,
-        ),
-        add=setting(
-            "added",
-            rotor_absorber_inertia="inertia_kg_m2",
-            rotor_absorber_frequency="frequency_hz",
-            rotor_absorber_damping_ratio="damping_ratio",
-        ),
+        "at-port:rotor",
+        "Something that swings on the rotor",
+        "A disc of a brake, an encoder or a wheel turns behind a spring and a damper of its own. At its own frequency "
+        "it holds the rotor nearly still.",
+        _SOURCE,
+        (P("inertia_kg_m2", "kg·m²", 0.0, 1.0, 0.01, reference=Reference.TURNING_INERTIA), _FREQUENCY, _RATIO),
+        resonating("rotor_absorber_inertia", by="inertia_kg_m2"),
         needs=_FROM,
         applies=lacking("added", "rotor_absorber_inertia"),
     ),
     Port.SCREW_END: Effect(
-        key="at-port:screw_end",
-        name="Something that swings at the far end of the screw",
-        physics=(
-            "A mass moves along the screw behind a spring and a damper at its far end, as a support, a seal or a "
-            "cover there does. At its own frequency it holds the end nearly still."
-        ),
-        source=_SOURCE,
-        parameters=(
-            EffectParameter("mass_kg", "kg", lower=0.0, upper=1.0, scale=0.01, reference=Reference.MOVING_MASS),
-            _FREQUENCY,
-            _RATIO,
-        ),
-        add=setting(
-            "added",
-            screw_end_absorber_mass="mass_kg",
-            screw_end_absorber_frequency="frequency_hz",
-            screw_end_absorber_damping_ratio="damping_ratio",
-        ),
+        "at-port:screw_end",
+        "Something that swings at the far end of the screw",
+        "A mass moves along the screw behind a spring and a damper at its far end, as a support, a seal or a cover "
+        "there does. At its own frequency it holds the end nearly still.",
+        _SOURCE,
+        (P("mass_kg", "kg", 0.0, 1.0, 0.01, reference=Reference.MOVING_MASS), _FREQUENCY, _RATIO),
+        resonating("screw_end_absorber_mass", by="mass_kg"),
         needs=_FROM,
         applies=lacking("added", "screw_end_absorber_mass"),
     ),
     Port.BASE: Effect(
-        key="at-port:base",
-        name="Something that swings under the bearings",
-        physics=(
-            "What holds the bearings is a mass on a spring, which the reaction of both pushes, at any frequency: a "
-            "housing or a console, where a bed would swing below the drive."
-        ),
-        source=_SOURCE,
-        parameters=(
-            EffectParameter(
-                "compliance_m_per_n", "m/N", lower=0.0, upper=3.75, scale=0.0375, reference=Reference.AXIAL_COMPLIANCE
-            ),
+        "at-port:base",
+        "Something that swings under the bearings",
+        "What holds the bearings is a mass on a spring, which the reaction of both pushes, at any frequency: a housing "
+        "or a console, where a bed would swing below the drive.",
+        _SOURCE,
+        (
+            P("compliance_m_per_n", "m/N", 0.0, 3.75, 0.0375, reference=Reference.AXIAL_COMPLIANCE),
             _FREQUENCY,
             _RATIO,
         ),
-        add=setting(
-            "added",
-            base_compliance="compliance_m_per_n",
-            base_frequency="frequency_hz",
-            base_damping_ratio="damping_ratio",
-        ),
+        resonating("base_compliance", by="compliance_m_per_n"),
         needs=_FROM,
         applies=lacking("added", "base_compliance"),
     ),
     Port.SCREW: Effect(
-        key="at-port:screw",
-        name="A screw that bends",
-        physics=(
-            "The nut pulls out of line and bends the screw between its supports: the nut gives way along it, most at "
-            "the natural frequencies of the bent screw, and otherwise at every position."
-        ),
-        source="Blevins, Formulas for Natural Frequency and Mode Shape, table 8-1: a beam between two supports",
-        parameters=(
-            EffectParameter(
-                "compliance_m_per_n", "m/N", lower=0.0, upper=10.0, scale=0.0375, reference=Reference.AXIAL_COMPLIANCE
-            ),
+        "at-port:screw",
+        "A screw that bends",
+        "The nut pulls out of line and bends the screw between its supports: the nut gives way along it, most at the "
+        "natural frequencies of the bent screw, and otherwise at every position.",
+        "Blevins, Formulas for Natural Frequency and Mode Shape, table 8-1: a beam between two supports",
+        (
+            P("compliance_m_per_n", "m/N", 0.0, 10.0, 0.0375, reference=Reference.AXIAL_COMPLIANCE),
             # of a screw whose ends may turn, and up to one whose ends may not
-            EffectParameter(
-                "frequency_hz", "Hz", lower=0.8, upper=2.4, scale=0.1, null=1.0, reference=Reference.BENDING_FREQUENCY
-            ),
-            EffectParameter("damping_ratio", "-", lower=0.0, upper=0.1, scale=0.01, null=0.01),
-            *(
-                EffectParameter(f"share_{n}", "-", lower=0.0, upper=2.0, scale=0.3 / n**2, null=1.0 / n**2)
-                for n in range(2, 6)
-            ),
+            P("frequency_hz", "Hz", 0.8, 2.4, 0.1, null=1.0, reference=Reference.BENDING_FREQUENCY),
+            P("damping_ratio", "-", 0.0, 0.1, 0.01, null=0.01),
+            *(P(f"share_{n}", "-", 0.0, 2.0, 0.3 / n**2, null=1.0 / n**2) for n in range(2, 6)),
         ),
-        add=setting(
+        setting(
             "bending",
             compliance="compliance_m_per_n",
             frequency="frequency_hz",
             damping_ratio="damping_ratio",
-            share_2="share_2",
-            share_3="share_3",
-            share_4="share_4",
-            share_5="share_5",
+            **{f"share_{n}": f"share_{n}" for n in range(2, 6)},
         ),
         needs=_FROM,
         applies=lacking("bending", "compliance"),
@@ -160,4 +114,4 @@ def at_port(port: str) -> Effect[AxisPhysics]:
 
 def port_of(effect: Effect[AxisPhysics]) -> Port | None:
     """Return on which port something hangs by an effect; None where that is no such effect."""
-    return next((port for port, known in _AT_PORT.items() if known.key == effect.key), None)
+    return next((port for port, hanging in _AT_PORT.items() if hanging.key == effect.key), None)

@@ -1,32 +1,21 @@
-"""A channel that was recorded in another unit than is stated: one factor, everywhere and under all conditions.
+"""Effects of a channel that was recorded in another unit than is stated: one factor, under all conditions.
 
 A factor within two either way is a wrong scale, not another unit: the range of ``force-scale`` ends where that of a
-unit begins. Say which unit a factor stands for.
+unit begins.
 """
 
 import math
 from collections.abc import Mapping
 from functools import partial
 
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, increasing, increasing_force
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, increasing
 
 #: Recorded over true value in SI, by what a person calls the unit. Weights by the standard gravity, pounds and inches
 #: by their definitions (NIST SP 811).
 _GRAVITY, _POUND, _INCH = 9.80665, 0.45359237, 0.0254
-_FORCE = {
-    "lbf": 1.0 / (_POUND * _GRAVITY),
-    "kgf": 1.0 / _GRAVITY,
-    "daN": 0.1,
-    "kN": 1e-3,
-    "mN": 1e3,
-}
+_FORCE = {"lbf": 1.0 / (_POUND * _GRAVITY), "kgf": 1.0 / _GRAVITY, "daN": 0.1, "kN": 1e-3, "mN": 1e3}
 _LENGTH = {"mm": 1e3, "µm": 1e6, "cm": 1e2, "in": 1.0 / _INCH}
-_RESPONSE = {
-    "g": 1.0 / _GRAVITY,
-    "mm or mm/s²": 1e3,
-    "µm": 1e6,
-    "in or in/s²": 1.0 / _INCH,
-}
+_RESPONSE = {"g": 1.0 / _GRAVITY, "mm or mm/s²": 1e3, "µm": 1e6, "in or in/s²": 1.0 / _INCH}
 _TORQUE = {
     "N·mm": 1e3,
     "N·cm": 1e2,
@@ -64,33 +53,27 @@ _effect = partial(
 )
 
 MOTION_UNIT = _effect(
-    key="unit",
-    name="Unit of force or position",
-    physics=(
-        "The recorded force is not in newtons, or the position not in metres: mass and viscous friction as stated are "
-        "wrong by one large factor. Of the two no motion tells which; other forces are found in the unit of the record."
-    ),
-    add=increasing_force("unit_ln_factor", by="ln_factor"),
+    "unit",
+    "Unit of force or position",
+    "The recorded force is not in newtons, or the position not in metres: mass and viscous friction as stated are "
+    "wrong by one large factor. Of the two no motion tells which; other forces are found in the unit of the record.",
+    add=increasing("", unit_ln_factor="ln_factor"),
 )
 
 RESPONSE_UNIT = _effect(
-    key="unit",
-    name="Unit of response",
-    physics=(
-        "What table or nut do is recorded in g, millimetres or volts: their responses are wrong by one large factor at "
-        "every frequency and under all conditions, and no phase or natural frequency is."
-    ),
+    "unit",
+    "Unit of response",
+    "What table or nut do is recorded in g, millimetres or volts: their responses are wrong by one large factor at "
+    "every frequency and under all conditions, and no phase or natural frequency is.",
     add=increasing("added", response_ln_factor="ln_factor"),
     needs=frozenset({ConditionAxis.FREQUENCY}),
 )
 
 TORQUE_UNIT = _effect(
-    key="torque-unit",
-    name="Unit of torque",
-    physics=(
-        "The torque is recorded in another unit or as a current: all responses to it are wrong by one large factor at "
-        "every frequency and under all conditions, and no phase or natural frequency is."
-    ),
+    "torque-unit",
+    "Unit of torque",
+    "The torque is recorded in another unit or as a current: all responses to it are wrong by one large factor at "
+    "every frequency and under all conditions, and no phase or natural frequency is.",
     add=increasing("added", torque_ln_factor="ln_factor"),
     needs=frozenset({ConditionAxis.FREQUENCY}),
 )
@@ -103,6 +86,6 @@ def unit_sentence(name: str, ln_factor: float, deviation: float) -> str:
     """
     quantity, stated, others = _UNITS[name]
     factor, apart = math.exp(ln_factor), _COVERAGE * math.hypot(deviation, _SENSITIVITY)
-    known = [unit for unit, value in others.items() if abs(ln_factor - math.log(value)) <= apart]
-    said = f"{quantity} not in {stated}: what is recorded is {factor:.3g} times what is stated"
-    return f"{said}, as by {' or '.join(known)}" if known else f"{said}; a unit, or a scale (volts, amperes)?"
+    units = [unit for unit, value in others.items() if abs(ln_factor - math.log(value)) <= apart]
+    sentence = f"{quantity} not in {stated}: what is recorded is {factor:.3g} times what is stated"
+    return f"{sentence}, as by {' or '.join(units)}" if units else f"{sentence}; a unit, or a scale (volts, amperes)?"

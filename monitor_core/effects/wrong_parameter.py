@@ -117,17 +117,12 @@ def _drive_carried_over(
 ) -> AxisPhysics:
     """Return the axis changed as the model changes from the declared to the true parameters."""
     declared, true = physics_of(declared_parameters), physics_of(true_parameters)
-    screw = {
-        name: getattr(axis.screw, name) * (after / before)
-        for name, before, after in _differing(declared.screw, true.screw)
-    }
+    screw = {name: getattr(axis.screw, name) * (new / old) for name, old, new in _differing(declared.screw, true.screw)}
     joints = {
-        name: getattr(axis.joints, name) + (after - before)
-        for name, before, after in _differing(declared.joints, true.joints)
+        name: getattr(axis.joints, name) + (new - old) for name, old, new in _differing(declared.joints, true.joints)
     }
     bodies = {
-        name: getattr(axis.bodies, name) + (after - before)
-        for name, before, after in _differing(declared.bodies, true.bodies)
+        name: getattr(axis.bodies, name) + (new - old) for name, old, new in _differing(declared.bodies, true.bodies)
     }
     return replace(
         axis,
@@ -144,15 +139,15 @@ def _motion_names(parameters: MotionParameters) -> dict[str, str]:
 
 
 def _motion_carried_over(declared: MotionParameters, true: MotionParameters, axis: MotionPhysics) -> MotionPhysics:
-    before, after = MotionModel.of(declared).physics, MotionModel.of(true).physics
+    old, new = MotionModel.of(declared).physics, MotionModel.of(true).physics
     return replace(
         axis,
-        moving_mass=axis.moving_mass + (after.moving_mass - before.moving_mass),
-        viscous_friction=axis.viscous_friction + (after.viscous_friction - before.viscous_friction),
+        moving_mass=axis.moving_mass + (new.moving_mass - old.moving_mass),
+        viscous_friction=axis.viscous_friction + (new.viscous_friction - old.viscous_friction),
     )
 
 
 def _differing(declared: _Record, true: _Record) -> list[tuple[str, float, float]]:
     """Return name and both values of the fields in which two records of one kind differ."""
     pairs = ((item.name, getattr(declared, item.name), getattr(true, item.name)) for item in fields(declared))
-    return [(name, before, after) for name, before, after in pairs if before != after]
+    return [(name, old, new) for name, old, new in pairs if old != new]

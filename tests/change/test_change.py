@@ -13,12 +13,17 @@ from monitor_core.change.cells import ChangeTolerances, ThenAndNow, positions_of
 from monitor_core.change.changes import Cause
 from monitor_core.change.reference_ratio import compare_times
 from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.effects.drive_effects import (
+    ADDED_MASS,
+    BEARING_CHANGE,
+    FAR_BEARING_CHANGE,
+    MODULUS_PER_KELVIN,
+    POSITION_OFFSET,
+    PRELOAD_CHANGE,
+    TORQUE_DELAY,
+    WARMING,
+)
 from monitor_core.effects.effect import Effect
-from monitor_core.effects.inertia import ADDED_MASS
-from monitor_core.effects.preload import PRELOAD_CHANGE
-from monitor_core.effects.sensing import POSITION_OFFSET, TORQUE_DELAY
-from monitor_core.effects.stiffness import BEARING_CHANGE, FAR_BEARING_CHANGE
-from monitor_core.effects.thermal import MODULUS_PER_KELVIN, WARMING
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.solver.linearised import linearise

@@ -16,8 +16,7 @@ from monitor_core.discrepancy.explain_axis import explain
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, MachineSizes, Reference, sized_for
-from monitor_core.effects.inertia import ADDED_MASS
-from monitor_core.effects.preload import PRELOAD_CHANGE
+from monitor_core.effects.drive_effects import ADDED_MASS, PRELOAD_CHANGE
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds, known_mass
 from monitor_core.fitting.description import AxisDescription

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind_cases import ON_LINES
-from monitor_core.effects.damping_friction import SCREW_LOSS
+from monitor_core.effects.drive_effects import SCREW_LOSS
 from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import draw_case
 from tests.hidden_effects.machines import jittered, machine_named
