@@ -20,8 +20,8 @@ from pathlib import Path
 from benchmarks.score_card import OUTSIDE, row, size_of
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Candidate, Outcome
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.families import build_model

@@ -26,8 +26,8 @@ from monitor_core.discrepancy.explanation import Explanation
 from monitor_core.discrepancy.verdict.contradictions import contradictions
 from monitor_core.effects import Effect, MachineSizes
 from monitor_core.errors import MonitorCoreError
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.learnt_form import learn_form_error
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.model_form import ModelFormError

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from monitor_core.discrepancy import explain
 from monitor_core.discrepancy.explanation import Explanation, GapPair
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.modal_csv import read_modal_table

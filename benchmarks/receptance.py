@@ -19,7 +19,7 @@ from monitor_core.models.published.receptance.closed_form import (
     table_receptance,
     table_receptance_gradient,
 )
-from monitor_core.models.published.receptance.matrices import drive_receptance
+from tests.authorities.receptance_matrices import drive_receptance
 
 FREQUENCY = np.linspace(5.0, 1000.0, 2000)
 CONDITIONS = DriveConditions(position=1.0)

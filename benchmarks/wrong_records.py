@@ -18,8 +18,8 @@ from benchmarks.hidden_effects import PLANTS, learnt_form
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation
 from monitor_core.discrepancy.records.rounds import cleared
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.model_form import ModelFormError

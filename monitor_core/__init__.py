@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from monitor_core.effects import Effect as Effect
     from monitor_core.effects import EffectParameter as EffectParameter
     from monitor_core.errors import MonitorCoreError as MonitorCoreError
-    from monitor_core.fitting.description import AxisDescription as AxisDescription
+    from monitor_core.fitting.axis import AxisDescription as AxisDescription
     from monitor_core.fitting.observations import FrequencyResponseObservation as FrequencyResponseObservation
     from monitor_core.fitting.observations import ModalObservation as ModalObservation
     from monitor_core.identification import IdentifiedJoints as IdentifiedJoints
@@ -55,7 +55,7 @@ _HOMES = {
     "monitor_core.discrepancy": ("ExplainOptions", "Explanation", "Outcome", "explain"),
     "monitor_core.effects": ("Effect", "EffectParameter"),
     "monitor_core.errors": ("MonitorCoreError",),
-    "monitor_core.fitting.description": ("AxisDescription",),
+    "monitor_core.fitting.axis": ("AxisDescription",),
     "monitor_core.fitting.observations": ("FrequencyResponseObservation", "ModalObservation"),
     "monitor_core.identification": ("IdentifiedJoints", "IdentifyOptions", "identify"),
     "monitor_core.measured_responses": ("responses_of_session",),

@@ -2,7 +2,7 @@
 
 ::
 
-    check_window       one window            → SignalQuality | Rejection
+    check_window       one window            → Rejection | None
     judge_measurement  windows of one place  → mode → preload feature → newtons with interval; drag torque
     advance            axis state, outcome   → axis state (baseline, charts, alarm)
 """
@@ -27,13 +27,12 @@ from monitor_core.preload import (
     expected_band,
     systematic_uncertainty_between,
 )
-from monitor_core.preload.doubts import Doubt, DoubtReason
+from monitor_core.preload.doubts import Doubt, DoubtReason, PlaceReading, Places
 from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque, friction_torque, velocities_of
 from monitor_core.preload.estimate import place_reading
 from monitor_core.preload.fit import BETWEEN_SESSIONS
-from monitor_core.preload.places import PlaceReading, Places
 from monitor_core.preload.witnesses import WitnessName
-from monitor_core.quality import QualityGate, SignalQuality, gate_window
+from monitor_core.quality import QualityGate, gate_window
 from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
 from monitor_core.trend import DetectorDesign, DetectorState, Observation, step
 from monitor_core.trend.observation import SESSION
@@ -122,8 +121,8 @@ def _usable_band(window: Window) -> tuple[float, float]:
     return UNSTATED_BAND[0] * window.sample_rate, UNSTATED_BAND[1] * window.sample_rate
 
 
-def check_window(window: Window, settings: AxisSettings, calibration: Calibration | None) -> SignalQuality | Rejection:
-    """Gate one window on its own: fit to be averaged, or why not."""
+def check_window(window: Window, settings: AxisSettings, calibration: Calibration | None) -> Rejection | None:
+    """Return why a window on its own is not fit to be averaged, or ``None``."""
     gate, (low, high) = settings.quality, search_band(settings, calibration, window)
     if not low < high < 0.5 * window.sample_rate:
         return Rejection(

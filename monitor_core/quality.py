@@ -26,22 +26,8 @@ class QualityGate:
     slow_length_factor: float = 8.0  # reckoned cost of the FFT against that of the next shorter good length [-]
 
 
-@dataclass(frozen=True, slots=True)
-class SignalQuality:
-    """Figures of a window that passed."""
-
-    excitation_rms: float  # about the mean [N·m or N]
-    excitation_peak: float  # largest deviation from the mean [N·m or N]
-    response_rms: float  # about the mean [m/s²]
-    response_peak: float  # largest deviation from the mean [m/s²]
-    position_span: float  # [m]
-    band_excitation: float | None  # rms in the band; None without a band [N·m or N]
-
-
-def gate_window(
-    window: Window, gate: QualityGate, *, band: tuple[float, float] | None = None
-) -> SignalQuality | Rejection:
-    """Refuse a window that cannot be judged, with the first reason found, or return its figures.
+def gate_window(window: Window, gate: QualityGate, *, band: tuple[float, float] | None = None) -> Rejection | None:
+    """Refuse a window that cannot be judged, with the first reason found; ``None`` where it may be averaged.
 
     In this order:
 
@@ -60,23 +46,12 @@ def gate_window(
     The band [Hz] is where the mode is looked for; without it the excitation is not judged. ``OutsideValidityError`` if
     it does not lie between 0 Hz and half the sampling rate.
     """
-    refusal = (
+    return (
         _check_sampling(window, gate)
         or _check_channels(window, gate)
         or _check_travel(window, gate)
         or _check_length(window.n_samples, gate)
-    )
-    if refusal is not None:
-        return refusal
-    band_excitation = None if band is None else _band_rms(window.excitation, window.sample_rate, band)
-    if band_excitation is not None and band_excitation < gate.minimum_band_excitation:
-        return Rejection(
-            RejectionReason.LITTLE_EXCITATION,
-            f"rms excitation in the band must reach {gate.minimum_band_excitation:g} {_unit(window)}; "
-            f"got {band_excitation:.3g} {_unit(window)}",
-        )
-    return SignalQuality(
-        *_rms_and_peak(window.excitation), *_rms_and_peak(window.response), _span(window), band_excitation
+        or (None if band is None else _check_excitation(window, gate, band))
     )
 
 
@@ -212,6 +187,17 @@ def _fft_cost(n_samples: int) -> float:
     return min(0.5 * direct(n_samples), convolution)
 
 
+def _check_excitation(window: Window, gate: QualityGate, band: tuple[float, float]) -> Rejection | None:
+    excitation = _band_rms(window.excitation, window.sample_rate, band)
+    if excitation >= gate.minimum_band_excitation:
+        return None
+    return Rejection(
+        RejectionReason.LITTLE_EXCITATION,
+        f"rms excitation in the band must reach {gate.minimum_band_excitation:g} {_unit(window)}; "
+        f"got {excitation:.3g} {_unit(window)}",
+    )
+
+
 def _band_rms(samples: SampleArray, sample_rate: float, band: tuple[float, float]) -> float:
     """Return the rms of what lies in a band, by Parseval's theorem."""
     if not 0.0 < band[0] < band[1] < 0.5 * sample_rate:
@@ -223,11 +209,6 @@ def _band_rms(samples: SampleArray, sample_rate: float, band: tuple[float, float
     lines = slice(math.ceil(band[0] / resolution), math.floor(band[1] / resolution) + 1)
     spectrum = scipy.fft.rfft(samples)[lines]
     return math.sqrt(2.0 * float(np.vdot(spectrum, spectrum).real)) / samples.size
-
-
-def _rms_and_peak(samples: SampleArray) -> tuple[float, float]:
-    deviation = samples - samples.mean(dtype=np.float64)
-    return math.sqrt(float(np.mean(deviation**2))), float(np.abs(deviation).max())
 
 
 def _span(window: Window) -> float:

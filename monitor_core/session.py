@@ -16,9 +16,8 @@ from monitor_core.pipeline import (
     search_band,
 )
 from monitor_core.preload import Calibration, CoefficientPrior, PreloadEstimate, Weighting
-from monitor_core.preload.doubts import of_whole_session
+from monitor_core.preload.doubts import of_whole_session, places_disagree
 from monitor_core.preload.estimate import place_reading
-from monitor_core.preload.places import places_disagree
 from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
 
 
@@ -71,8 +70,8 @@ def gate_session(
         yield GatedMeasurement(
             name,
             windows[0].conditions,
-            tuple(window for window, quality in checked if not isinstance(quality, Rejection)),
-            tuple(quality for _, quality in checked if isinstance(quality, Rejection)),
+            tuple(window for window, refusal in checked if refusal is None),
+            tuple(refusal for _, refusal in checked if refusal is not None),
         )
 
 

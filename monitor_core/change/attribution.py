@@ -28,7 +28,7 @@ from monitor_core.change.reference_axis import fit_reference
 from monitor_core.change.reference_ratio import compare_times
 from monitor_core.change.trials import TriedChange, tried_changes
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.observations import FrequencyResponseObservation, with_accelerometer_at
 
 

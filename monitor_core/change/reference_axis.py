@@ -10,7 +10,7 @@ from monitor_core.change.cells import ChangeTolerances, ThenAndNow
 from monitor_core.change.reference_ratio import compare_reference
 from monitor_core.effects.drive_effects import WARMING
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.evidence import covariance, evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import (

@@ -13,10 +13,9 @@ from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect, EffectParameter, MachineSizes, Reference
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.accelerometer import place_accelerometer
+from monitor_core.fitting.axis import AxisDescription, DescribedDrive, DescribedRigidAxis, at_preload_of_nut
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds
-from monitor_core.fitting.described_axis import DescribedDrive, DescribedRigidAxis
-from monitor_core.fitting.description import AxisDescription, at_preload_of_nut
 from monitor_core.fitting.learnt_form import learn_form_error
 from monitor_core.fitting.machine_sizes import sizes_of_drive, sizes_of_motion
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation

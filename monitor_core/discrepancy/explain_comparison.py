@@ -29,9 +29,9 @@ from monitor_core.discrepancy.verdict.outcome import (
 from monitor_core.discrepancy.verdict.wandering import wandering
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
+from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.groups import has_lines
-from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode

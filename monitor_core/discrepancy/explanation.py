@@ -9,8 +9,8 @@ from typing import Any
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.effects import Effect, Law
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.comparison import Panel
-from monitor_core.fitting.description import AxisDescription
 from monitor_core.uncertainty import Estimate
 
 

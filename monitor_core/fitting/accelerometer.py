@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.evidence import VERY_STRONG
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import (

@@ -15,8 +15,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.effects import DRIVE_EFFECTS, Effect, with_effects
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.free_parameter import FreeParameter, positive_parameter, stated_priors
-from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.problem import Bounds, FreeParameter, positive_parameter, stated_priors
 from monitor_core.models.extended import AxisPhysics, ExtendedModel
 from monitor_core.models.families import build_model, family_named
 from monitor_core.models.parameters import DriveParameters, fields_by_name
@@ -117,7 +116,7 @@ class FreeParameters:
 
     @property
     def priors(self) -> FloatArray | None:
-        """What is known beforehand, for :func:`monitor_core.fitting.free_parameter.with_priors`."""
+        """What is known beforehand, for :func:`monitor_core.fitting.problem.with_priors`."""
         return stated_priors(self.coordinates) if self.uncertain else None
 
     def unseen(self, jacobian: FloatArray) -> tuple[str, ...]:

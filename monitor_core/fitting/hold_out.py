@@ -65,5 +65,5 @@ def judged_gap(fitted: Fitted[Physics]) -> JudgedGap:
     gap, held_out = fitted.gap, gap_of(fitted.comparison, fitted.held_out)
     judged = fitted.fitted if fitted.held_out is None else fitted.held_out.chosen
     n_judged = int(np.count_nonzero(judged))
-    most = max(REMAINDER, math.sqrt(float(scipy.stats.chi2.ppf(_HEALTHY_SHARE, n_judged)) / n_judged))
+    most = max(REMAINDER, math.sqrt(2.0 * float(scipy.special.gammaincinv(n_judged / 2.0, _HEALTHY_SHARE)) / n_judged))
     return JudgedGap(gap, held_out, float(np.nanmax([gap, held_out])) / fitted.comparison.noise_floor, most)

@@ -11,8 +11,8 @@ from monitor_core.arrays import FloatArray
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.described_axis import DescribedAxis
-from monitor_core.fitting.free_parameter import FreeParameter, Linear, Prior, stated_priors
+from monitor_core.fitting.axis import DescribedAxis
+from monitor_core.fitting.problem import FreeParameter, Linear, Prior, stated_priors
 
 #: How far beyond its plausible range the size of an effect is sought, in widths of that range: an effect
 #: that is found there is a stand-in for something else, which is worth knowing.

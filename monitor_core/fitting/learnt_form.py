@@ -8,7 +8,7 @@ import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.described_axis import DescribedAxis
+from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.model_form import FormSpectrum, ModelFormError, steepness

@@ -15,9 +15,8 @@ from monitor_core.identification.answer import (
     KnownSum,
 )
 from monitor_core.identification.cases import PredictionError
-from monitor_core.identification.identify_joints import identify, require_identifiable
+from monitor_core.identification.identify_joints import IdentifyOptions, identify, require_identifiable
 from monitor_core.identification.predicted_calibration import PredictionRequest, readings_expected_of
-from monitor_core.identification.question import IdentifyOptions
 from monitor_core.identification.sensitivity import Detectability
 
 __all__ = [

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray, read_only
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.identification.cases import Case, PeakCase, PredictionError, ResponseCase
 from monitor_core.identification.identifiability import CoordinateJudgement, Verdict
 from monitor_core.identification.joint_fit import JointFit

@@ -1,7 +1,4 @@
-"""Say how well a fit knows each coordinate, which it cannot distinguish, and which directions it does not see.
-
-Principal directions of what a fit does not see, and the verdict on each.
-"""
+"""Judge how well a fit knows each coordinate, which it cannot distinguish, and which directions it does not see."""
 
 import math
 from collections.abc import Sequence

@@ -42,8 +42,8 @@ class ProfileInterval:
 def quantile(fit: LocalFit, level: float) -> float:
     """Return half the width of the linear interval in standard uncertainties: normal, or t with s² estimated. [-]."""
     if fit.uncertainties_stated:
-        return float(scipy.stats.norm.ppf(0.5 + 0.5 * level))
-    return float(scipy.stats.t.ppf(0.5 + 0.5 * level, fit.coordinates.degrees_of_freedom))
+        return float(scipy.special.ndtri(0.5 + 0.5 * level))
+    return float(scipy.special.stdtrit(fit.coordinates.degrees_of_freedom, 0.5 + 0.5 * level))
 
 
 class Profile:

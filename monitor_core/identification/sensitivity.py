@@ -1,10 +1,8 @@
-r"""What each peak says of a joint: which mode to monitor, the smallest change that shows, where to measure next.
+r"""Compute what each peak says of a joint: which mode to monitor, the least change that shows, where to measure next.
 
 The nut's rigidity follows the preload, :math:`k_n \propto P^{1/3}` (Eq. (1) of Nguyen et al., ISO 3408-4), so that a
 mode of sensitivity :math:`S = \partial \ln f/\partial \ln k_n` falls by :math:`\frac{S}{3} \Delta \ln P`: a tenth of
 the preload is a third of a tenth of the rigidity, and of that the frequency shows the share S.
-
-What to do next with identified joints: which mode to watch for a loss of preload, and where to measure next.
 """
 
 import itertools
@@ -17,8 +15,7 @@ import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
-from monitor_core.fitting.residuals.peak_search import find_peaks_with_gradient
+from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks_with_gradient, peak_grid
 from monitor_core.fitting.solver.least_squares import LocalFit
 from monitor_core.identification.cases import Case, positions_of
 from monitor_core.models.protocol import DriveConditions, MotorEnd

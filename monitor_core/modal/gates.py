@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.modal.phase import PhaseReference
+from monitor_core.modal.channels import PhaseReference
 from monitor_core.modal.refine import ModeFit
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.response import FrequencyResponse, ModalParameters

@@ -1,6 +1,12 @@
-"""Measure one mode: average the windows of one position, fit the peak, apply the gates (ISO 13374: DM into SD)."""
+"""Measure one mode: average the windows of one position, fit the peak, apply the gates (ISO 13374: DM into SD).
+
+Measurements under another force are hardly comparable, and get a remark: joints with play or friction are softer under
+a large force. The natural frequency of a wing with bolted joints (the F-16 of the benchmarks of nonlinear
+identification) fell by 2 % at eight times the force; on an axis that reads as a loss.
+"""
 
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -11,11 +17,16 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal.averaging import AveragedFit, average_and_fit, candidate_peaks, strongest_peaks
-from monitor_core.modal.excitation_noise import Contamination, contamination, excitation_noise
+from monitor_core.modal.channels import (
+    LOWEST,
+    Contamination,
+    PhaseReference,
+    contamination,
+    excitation_noise,
+    rigid_line,
+)
 from monitor_core.modal.gates import GateReading, ModeGate, gate_readings, judge_fit, mode_coherence
-from monitor_core.modal.phase import PhaseReference
 from monitor_core.modal.refine import ModeFit
-from monitor_core.modal.rigid_line import LOWEST, rigid_line
 from monitor_core.recording import (
     Conditions,
     ExcitationQuantity,
@@ -77,7 +88,7 @@ def measure_mode(
     warning level, or else above the least level; fit it by maximum likelihood; drop windows that do not belong, and
     say so; gate on mean coherence over the half-power band, the number of averages that it asks for, phase of the
     residue, uncertainty of the frequency, and ambiguity. What noise on the excitation did to the frequency is taken off
-    (:mod:`monitor_core.modal.excitation_noise`).
+    (:mod:`monitor_core.modal.channels`).
 
     The windows are gated ones of one measurement, of one rate, one length and one excitation; band and lines are in
     hertz, the lines those of the frequency response that is returned, where more is wanted of it than the band of the
@@ -323,3 +334,49 @@ def _within(frf: FrequencyResponse, band: tuple[float, float]) -> FrequencyRespo
     inside = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
     coherence = frf.coherence[inside] if frf.coherence is not None else None
     return FrequencyResponse(frf.frequency[inside], frf.response[inside], frf.quantity, coherence, frf.n_averages)
+
+
+#: An excitation this many times above or below the usual one is said. The calibration doubts from here on, too.
+COMPARABLE_FACTOR = 1.5
+
+#: Units of an excitation level, rms per root hertz.
+LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N·m/√Hz", ExcitationQuantity.FORCE: "N/√Hz"}
+
+
+def excitation_remark(measurement: ModalMeasurement, usual: float, of_what: str) -> str | None:
+    """Return what is said of a measurement whose excitation is not the usual one; ``None`` where it is.
+
+    ``usual``: the level to compare with [N·m/√Hz] or [N/√Hz]; ``of_what``: whose it is, for the sentence.
+    """
+    ratio = measurement.excitation_level / usual
+    if not (ratio > COMPARABLE_FACTOR or ratio < 1.0 / COMPARABLE_FACTOR):
+        return None
+    unit = LEVEL_UNITS[measurement.excitation_quantity]
+    return (
+        f"the excitation is {ratio:.2g} times that of {of_what} ({measurement.excitation_level:.2g} against "
+        f"{usual:.2g} {unit} around the mode): where the frequency follows the force, that would pass for a change of "
+        "preload"
+    )
+
+
+def session_remarks(measurements: Sequence[ModalMeasurement]) -> tuple[str | None, ...]:
+    """Return a remark for each measurement of a session that was driven otherwise than most of its kind.
+
+    The usual level is the median over the logarithms, of the same quantity from the same source: of two measurements
+    each is compared with their geometric mean, so that the remark begins at a factor of 2.25 between them.
+    """
+    kinds = [(m.excitation_quantity, m.excitation_source) for m in measurements]
+    usual = {
+        kind: math.exp(
+            statistics.median(
+                math.log(m.excitation_level)
+                for m, of in zip(measurements, kinds, strict=True)
+                if of == kind and m.excitation_level > 0.0
+            )
+        )
+        for kind in {kind for m, kind in zip(measurements, kinds, strict=True) if m.excitation_level > 0.0}
+    }
+    return tuple(
+        excitation_remark(m, usual[kind], "the session's median") if kind in usual else None
+        for m, kind in zip(measurements, kinds, strict=True)
+    )

@@ -14,8 +14,6 @@ frequencies is linear and is eliminated by projection.
 The nonlinear ``parameters`` are, for each mode, natural frequency [Hz] and logarithm of the damping ratio; then the
 frequencies of the tones [Hz], shape (n_nonlinear,). ``FitLines`` are the whitened lines of the fit band, a
 ``ModelOrder`` the numbers of modes and tones: so in all modules of this package.
-
-Records of a fit: the whitened lines of its band, and the order of its model.
 """
 
 import math

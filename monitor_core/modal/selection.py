@@ -1,6 +1,6 @@
-"""Choose the number of modes and tones; more are added only where the data require them, from starts by quick fits.
+"""Choose the number of modes and tones by the residual of a fit: more only where the data require them.
 
-Read the residual of a fit: the noise of each line, and sines that persist in every window.
+The residual gives the noise of each line, and sines that persist in every window; starts come from quick fits.
 """
 
 import math

@@ -1,8 +1,6 @@
-"""Derive quantities of a ball screw from its stated parameters: rigidity, mass per length, travel per angle.
+"""Derive quantities of a ball screw from its stated parameters: rigidities, mass per length, travel per angle.
 
 Each family has its own record of parameters, with the symbols of its paper. What follows from them is the same.
-
-Compute the rigidity of a preloaded nut.
 """
 
 from monitor_core.errors import OutsideValidityError

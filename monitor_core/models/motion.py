@@ -1,7 +1,4 @@
-"""Model of a rigid axis in motion, as a file declares it, and the motor force that a motion needs by it.
-
-Derive velocity and acceleration of an axis from its measured position.
-"""
+"""Model a rigid axis in motion, as a file declares it, and compute the motor force that a measured motion needs."""
 
 import math
 from dataclasses import dataclass, fields

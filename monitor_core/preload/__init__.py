@@ -1,6 +1,6 @@
 """Estimate the preload (ISO 13374: HA): its feature, the calibration, newtons with a coverage interval."""
 
-from monitor_core.preload.budget import VarianceShares, systematic_uncertainty_between
+from monitor_core.preload.budget import VarianceShares, systematic_uncertainty_between, unexplained_scatter, widened
 from monitor_core.preload.calibration import (
     Calibration,
     ModalReading,
@@ -11,10 +11,17 @@ from monitor_core.preload.calibration import (
     expected_frequency,
     minimum_detectable_loss,
 )
-from monitor_core.preload.doubts import DoubtReason
+from monitor_core.preload.doubts import DoubtReason, PlaceReading, Places
 from monitor_core.preload.drag_torque import DragTorque
-from monitor_core.preload.estimate import PreloadEstimate, estimate_preload, place_reading
+from monitor_core.preload.estimate import (
+    PreloadEstimate,
+    PreloadLadder,
+    estimate_preload,
+    place_reading,
+    preload_ladder,
+)
 from monitor_core.preload.feature import (
+    InfluenceCoefficients,
     PreloadFeatureCoefficients,
     axial_frequency,
     preload_feature,
@@ -22,10 +29,6 @@ from monitor_core.preload.feature import (
     preload_sensitivity,
 )
 from monitor_core.preload.fit import calibrate
-from monitor_core.preload.influence import InfluenceCoefficients
-from monitor_core.preload.ladder import PreloadLadder, preload_ladder
-from monitor_core.preload.learnt_scatter import unexplained_scatter, widened
-from monitor_core.preload.places import PlaceReading, Places
 from monitor_core.preload.plan import (
     USUAL_SCATTER,
     CalibrationPlan,

@@ -17,11 +17,10 @@ from monitor_core.preload.calibration import (
     TEMPERATURE_COEFFICIENT,
     Calibration,
 )
-from monitor_core.preload.feature import position_part
-from monitor_core.preload.influence import correction_sensitivities, from_reference
+from monitor_core.preload.feature import correction_sensitivities, from_reference, position_part
 from monitor_core.preload.witnesses import Deviation
 from monitor_core.recording import Conditions
-from monitor_core.uncertainty import Estimate
+from monitor_core.uncertainty import Estimate, Interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,3 +289,30 @@ def systematic_uncertainty_between(
     apart = gradients - np.mean(gradients[:-1], axis=0)
     *of_baseline, here = np.sqrt(np.maximum(np.einsum("ci,ij,cj->c", apart, covariance, apart), 0.0)).tolist()
     return float(max(0.0, here - max(of_baseline)))
+
+
+def unexplained_scatter(learnt: float, budgeted: float) -> float:
+    """Return what the scatter between sessions has on top of what the budget of a measurement allows for.
+
+    Both are standard deviations of the preload feature [s²]. A smaller scatter narrows nothing: what has been the same
+    since the calibration (a mounting, a home switch) does not show in it.
+    """
+    return math.sqrt(max(learnt**2 - budgeted**2, 0.0))
+
+
+def widened(interval: Interval, preload: float, feature: float, unexplained: float) -> Interval:
+    r"""Return the coverage interval of a preload with so much more scatter of its feature.
+
+    In :math:`\theta = \mathrm{preload}^{-1/3} = g/k_3`, where the feature g acts linearly, each half grows from h to
+    :math:`\sqrt{h^2 + (z\,s/k_3)^2}` with z the normal quantile of the level: a part of type A, known from many
+    sessions, joins the budget (GUM, 5.1.2). Preloads are in newtons, feature and scatter s in s².
+    """
+    if unexplained <= 0.0:
+        return interval
+    theta = float(np.cbrt(1.0 / preload))
+    reach = float(scipy.special.ndtri(0.5 * (1.0 + interval.level))) * unexplained * theta / feature
+    most = math.inf if interval.lower == 0.0 else float(np.cbrt(1.0 / interval.lower))
+    least = float(np.cbrt(1.0 / interval.upper))
+    high, low = theta + math.hypot(most - theta, reach), theta - math.hypot(theta - least, reach)
+    upper = math.inf if low <= 0.0 or least == 0.0 else low**-3.0
+    return Interval(high**-3.0, upper, interval.kind, interval.level)

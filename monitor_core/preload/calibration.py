@@ -1,9 +1,7 @@
-"""Records of a calibration: k1…k4 of Eq. (8) with their covariance, and the influence of payload and temperature.
+"""Define a calibration, k1…k4 of Eq. (8) with covariance and influences, and predict frequencies from it alone.
 
 A calibration is a frozen record of all that later estimates rest on: the joint covariance of what was fitted, the
 scatter between measurements, the ranges it holds in, and the excitation source it is valid for.
-
-Predict from a calibration alone where the mode will lie, and which loss of preload can be detected.
 """
 
 import math
@@ -17,8 +15,14 @@ import scipy
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.modal import PhaseReference
-from monitor_core.preload.feature import PreloadFeatureCoefficients, axial_frequency, preload_from_feature
-from monitor_core.preload.influence import InfluenceCoefficients, from_reference, payload_factor
+from monitor_core.preload.feature import (
+    InfluenceCoefficients,
+    PreloadFeatureCoefficients,
+    axial_frequency,
+    from_reference,
+    payload_factor,
+    preload_from_feature,
+)
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, WitnessValues
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate

@@ -1,7 +1,17 @@
-"""Say what speaks against a preload: witnesses of the same windows that are not as the calibration lets expect.
+"""Find what speaks against a preload: witnesses of the same windows, or other places, that do not agree with it.
 
 What differs by more than chance is a doubt, which stands with the number; what no loss of preload could do is a
 contradiction, and the number is refused.
+
+A residue that is not as calibrated has one of three causes. It is a reciprocal modal mass; the rigid-body line below
+the mode is a reciprocal inertia, in which no stiffness is (:mod:`monitor_core.modal.channels`). By the ratio r of their
+logarithmic deviations from what the calibration lets expect they are distinguished:
+
+* another **mass** moves both as the payloads of the calibration did: r is the ratio of their two exponents;
+* another **mounting** moves the residue alone: r = 0;
+* another **gain** of a sensor moves both alike: r = 1.
+
+A cause is ruled out where the two contradict its ratio by more than chance.
 """
 
 import math
@@ -10,12 +20,70 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+import scipy
 
 from monitor_core.preload.calibration import Calibration
-from monitor_core.preload.moved_mass import ResidueCause, causes_of_residue, in_words
 from monitor_core.preload.witnesses import Deviation, Setting, WitnessName, WitnessValues
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate
+
+
+class ResidueCause(StrEnum):
+    """What may have moved the residue of a mode."""
+
+    MASS = "mass"
+    MOUNTING = "mounting"
+    GAIN = "gain"
+
+
+#: Normal deviate beyond which a ratio, or the mean of a session, is no chance: once in a hundred.
+_CHANCE = 2.6
+
+
+_IN_WORDS = {
+    ResidueCause.MASS: "the moved mass",
+    ResidueCause.MOUNTING: "the mounting, or what hides in the mode",
+    ResidueCause.GAIN: "a sensor's gain",
+}
+
+
+def causes_of_residue(
+    deviations: Mapping[WitnessName, Deviation], calibration: Calibration
+) -> tuple[ResidueCause, ...] | None:
+    """Return which causes residue and rigid-body line together leave, none or several of them.
+
+    ``None`` where one of the two is not known, or no payloads have shown how both follow the mass.
+    """
+    residue, line = deviations.get(WitnessName.RESIDUE), deviations.get(WitnessName.RIGID_LINE)
+    of_residue, of_line = (_exponent(calibration, name) for name in (WitnessName.RESIDUE, WitnessName.RIGID_LINE))
+    if residue is None or line is None or of_residue is None or of_line is None:
+        return None
+    ratios = {ResidueCause.MASS: of_line / of_residue, ResidueCause.MOUNTING: 0.0, ResidueCause.GAIN: 1.0}
+    return tuple(cause for cause, ratio in ratios.items() if abs(_score(line, residue, ratio)) < _CHANCE)
+
+
+def in_words(causes: tuple[ResidueCause, ...], residue: Deviation) -> str:
+    """Say what the rigid-body line tells of a residue that is not as calibrated; empty where it rules out no mass."""
+    if causes == (ResidueCause.MASS,):
+        more = "more" if residue.logarithm < 0.0 else "less"
+        return f"by the rigid-body line below the mode it is the moved mass: {more} than is stated"
+    if causes and ResidueCause.MASS not in causes:
+        left = " or ".join(_IN_WORDS[cause] for cause in causes)
+        return f"by the rigid-body line below the mode it is not the moved mass but {left}"
+    return ""
+
+
+def _exponent(calibration: Calibration, name: WitnessName) -> float | None:
+    """Return how a witness falls with the moved mass; ``None`` where the calibration has not seen it fall."""
+    witness = calibration.witness(name)
+    exponent = None if witness is None else witness.payload_exponent
+    return None if exponent is None or exponent >= 0.0 else exponent
+
+
+def _score(line: Deviation, residue: Deviation, ratio: float) -> float:
+    """Return by how many standard deviations the line contradicts a ratio to the residue."""
+    uncertainty = math.hypot(line.standard_uncertainty, ratio * residue.standard_uncertainty)
+    return (line.logarithm - ratio * residue.logarithm) / uncertainty
 
 
 class DoubtReason(StrEnum):
@@ -55,8 +123,6 @@ class Tolerance:
 
 #: The same for a preload above all that were ever set.
 _RISEN = 3.3
-#: Normal deviate beyond which the mean of a session is no chance: once in a hundred sessions.
-SESSION_SCORE = 2.6
 #: The floors are declared (GUM, type B): gains of sensors hold to some tenths of a percent, a damping to one or two
 #: percent from day to day; friction follows lubrication and temperature, and is corrected for before it is doubted.
 TOLERANCES = {
@@ -169,7 +235,7 @@ def of_whole_session(
     return tuple(
         _doubt(name, means, calibration, before=f"over {counts[name]} measurements of the session ")
         for name, mean in means.items()
-        if abs(mean.score) > SESSION_SCORE
+        if abs(mean.score) > _CHANCE
         and abs(mean.logarithm) > TOLERANCES[name].least
         and math.isfinite(TOLERANCES[name].score)
     )
@@ -208,3 +274,78 @@ def _sentence(name: WitnessName, deviation: Deviation) -> str:
         f"the {name.replace('-', ' ')} is {percent:+.1f} % from what the calibration lets expect, "
         f"{abs(deviation.score):.1f} standard deviations: {TOLERANCES[name].meaning}"
     )
+
+
+#: Positions closer than this are one place [m].
+_ONE_PLACE = 0.02
+#: Probability at which the places of an unchanged axis are said to disagree.
+_DISAGREEMENT = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceReading:
+    """What the measurements of one session are compared by."""
+
+    position: float  # [m]
+    logarithm: float  # ln(preload) [-]
+    standard_uncertainty: float  # of it, new in each measurement [-]
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """The measurements of one session, as far as they came, summed up."""
+
+    count: int = 0
+    weight: float = 0.0  # sum of the reciprocal variances [-]
+    mean: float = 0.0  # of ln(preload), weighted [-]
+    chi_square: float = 0.0  # of the deviations from it [-]
+    nearest: float = 0.0  # position from the fixed bearing [m]
+    farthest: float = 0.0
+    lowest: float = 0.0  # ln(preload) [-]
+    highest: float = 0.0
+
+    def with_reading(self, reading: PlaceReading) -> "Places":
+        """Return the sums with one more measurement (weighted mean and squares: West, Comm. ACM 22 (1979) 532–535)."""
+        x, y = reading.position, reading.logarithm
+        if not reading.standard_uncertainty > 0.0:  # it states no uncertainty: nothing is compared with it
+            return self
+        own = reading.standard_uncertainty**-2.0
+        weight = self.weight + own
+        mean = self.mean + (y - self.mean) * own / weight
+        first = self.count == 0
+        return Places(
+            self.count + 1,
+            weight,
+            mean,
+            self.chi_square + own * (y - self.mean) * (y - mean),
+            x if first else min(self.nearest, x),
+            x if first else max(self.farthest, x),
+            y if first else min(self.lowest, y),
+            y if first else max(self.highest, y),
+        )
+
+    @property
+    def disagreement(self) -> Doubt | None:
+        """The doubt about a session whose places contradict each other.
+
+        The scatter of ln(preload) about its mean is tested by χ² with the stated uncertainties; ``None`` where fewer
+        than two places were measured or they agree.
+        """
+        if self.count < 2 or self.farthest - self.nearest < _ONE_PLACE:
+            return None
+        if float(scipy.special.chdtrc(self.count - 1, self.chi_square)) > _DISAGREEMENT:
+            return None
+        return Doubt(
+            DoubtReason.PLACES_DISAGREE,
+            f"the places of one session give {math.exp(self.lowest):.0f} to {math.exp(self.highest):.0f} N where their "
+            f"uncertainties allow {100.0 * (self.weight / self.count) ** -0.5:.1f} %: are the positions right, and "
+            "counted from the fixed bearing?",
+        )
+
+
+def places_disagree(readings: Sequence[PlaceReading]) -> Doubt | None:
+    """Test whether the places of one session contradict each other; the preload of an axis is one."""
+    places = Places()
+    for reading in readings:
+        places = places.with_reading(reading)
+    return places.disagreement

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason, Window
@@ -132,18 +133,13 @@ def velocities_of(windows: Sequence[Window]) -> list[FloatArray | None]:
         shortest = max(_span(window.sample_rate), _SHORTEST_TRAVEL * window.sample_rate)
         if window.position_trace is not None and window.n_samples >= shortest and _span(window.sample_rate) >= 3:
             alike.setdefault((window.sample_rate, window.n_samples), []).append(number)
-    found: list[FloatArray | None] = [None] * len(windows)
-    if not alike:
-        return found
-    # imported here: it takes half a second, and windows without a position trace do without it
-    from scipy import signal  # noqa: PLC0415
-
+    velocities: list[FloatArray | None] = [None] * len(windows)
     for (rate, _), numbers in alike.items():
         traces = np.array([windows[number].position_trace for number in numbers])
-        slopes = signal.savgol_filter(traces, _span(rate), polyorder=1, deriv=1, delta=1.0 / rate)
+        slopes = scipy.signal.savgol_filter(traces, _span(rate), polyorder=1, deriv=1, delta=1.0 / rate)
         for number, velocity in zip(numbers, slopes, strict=True):
-            found[number] = velocity
-    return found
+            velocities[number] = velocity
+    return velocities
 
 
 def _span(sample_rate: float) -> int:

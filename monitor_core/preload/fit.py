@@ -28,7 +28,7 @@ from monitor_core.preload.calibration import (
     known_parameters,
     refuse_blind_mode,
 )
-from monitor_core.preload.influence import (
+from monitor_core.preload.feature import (
     TEMPERATURE_RESOLUTION,
     UNKNOWN_TEMPERATURE_COEFFICIENT,
     InfluenceCoefficients,

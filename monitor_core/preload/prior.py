@@ -1,6 +1,6 @@
-"""State what is known of k1…k4 before the axis is measured: predicted from its joints, or an earlier calibration.
+"""State what is known of k1…k4 before an axis is measured, and join readings with it or refuse them.
 
-Join readings with what was known of k1…k4 before, or refuse readings that contradict it.
+It is predicted from joints, or an earlier calibration; readings that contradict it are refused.
 """
 
 import math
@@ -21,8 +21,11 @@ from monitor_core.preload.calibration import (
     known_parameters,
     refuse_blind_mode,
 )
-from monitor_core.preload.feature import PreloadFeatureCoefficients
-from monitor_core.preload.influence import TEMPERATURE_RESOLUTION, UNKNOWN_TEMPERATURE_COEFFICIENT
+from monitor_core.preload.feature import (
+    TEMPERATURE_RESOLUTION,
+    UNKNOWN_TEMPERATURE_COEFFICIENT,
+    PreloadFeatureCoefficients,
+)
 from monitor_core.preload.regression import (
     CoefficientFit,
     ReadingColumns,
@@ -264,10 +267,11 @@ def _expected_square(prior: CoefficientPrior, rows: ReadingRows) -> float:
 
 def _refuse_contradiction(prior: CoefficientPrior, chi_squared: float, n: int) -> None:
     dof = prior.coefficients.degrees_of_freedom
-    if math.isinf(dof):
-        limit = scipy.special.chdtri(n, CONTRADICTION)
-    else:
-        limit = n * scipy.special.fdtri(n, dof, 1.0 - CONTRADICTION)
+    limit = (
+        scipy.special.chdtri(n, CONTRADICTION)
+        if math.isinf(dof)
+        else n * scipy.special.fdtri(n, dof, 1.0 - CONTRADICTION)
+    )
     if chi_squared > limit:
         raise NotIdentifiableError(
             f"the readings contradict the prior ({prior.source}): χ² of what separates them must be at most "

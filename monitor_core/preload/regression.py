@@ -1,7 +1,4 @@
-"""Solve least squares with scaled columns and full covariance; refuse data that cannot determine the answer.
-
-Arrange the readings of a calibration in columns; refuse those that cannot determine Eq. (8).
-"""
+"""Solve the least squares of a calibration with full covariance; refuse readings that cannot determine Eq. (8)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

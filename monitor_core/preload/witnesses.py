@@ -28,7 +28,7 @@ class WitnessName(StrEnum):
 
     DAMPING_RATIO = "damping-ratio"  #: of the mode [-]
     RESIDUE = "residue"  #: magnitude of the mode's residue [m/(N·s²) or m/(N·m·s²)]
-    RIGID_LINE = "rigid-line"  #: :func:`monitor_core.modal.rigid_line.rigid_line` [m/(N·s²) or m/(N·m·s²)]
+    RIGID_LINE = "rigid-line"  #: :func:`monitor_core.modal.channels.rigid_line` [m/(N·s²) or m/(N·m·s²)]
     FRICTION_TORQUE = "friction-torque"  #: :func:`monitor_core.preload.drag_torque.friction_torque` [N·m]
     NOISE_LEVEL = "noise-level"  #: rms per root hertz of what no torque explains around the mode [m/(s²·√Hz)]
     EXCITATION_LEVEL = "excitation-level"  #: rms per root hertz around the mode [N·m/√Hz or N/√Hz]

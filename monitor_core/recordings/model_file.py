@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.models.families import FAMILIES
 from monitor_core.models.motion import FAMILY as MOTION
 from monitor_core.models.motion import MotionParameters

@@ -1,6 +1,6 @@
 """Estimate frequency response and ordinary coherence from averaged spectra.
 
-Compare windows with their median response, which a few bad windows cannot spoil.
+Windows are compared with their median response, which a few bad windows cannot spoil.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
-"""Compute raw spectra of windows in a band, and apply the Hann taper in the frequency domain.
+"""Compute spectra of windows in a band, tapered in the frequency domain, and predict them for a known excitation.
 
-Predict what Hann windows of a known excitation show of a response: a weighted sum over neighbouring lines.
+Under a Hann window a spectrum is a weighted sum over neighbouring lines.
 """
 
 from dataclasses import dataclass

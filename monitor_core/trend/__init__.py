@@ -3,19 +3,22 @@
 from monitor_core.trend.baseline import Baseline, learn_baseline
 from monitor_core.trend.belief import Belief, Prior
 from monitor_core.trend.bootstrap import FEWEST_SESSIONS, FoundRate, found_rate, healthy_sessions
-from monitor_core.trend.delay import DetectionDelay, detection_delay
-from monitor_core.trend.design import DetectorDesign, DetectorSettings, LossDirection, design_detector
+from monitor_core.trend.charts import (
+    DetectionDelay,
+    DetectorDesign,
+    DetectorSettings,
+    LossDirection,
+    design_detector,
+    detection_delay,
+)
 from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
 from monitor_core.trend.intervals import (
     PaperRule,
     confidence_interval_of_mean,
     paper_rule,
-    prediction_interval_of_next,
-    tolerance_interval_of_population,
 )
-from monitor_core.trend.line import TrendLine, trend_line
+from monitor_core.trend.line import FEWEST_READINGS, Projection, TrendLine, project, trend_line
 from monitor_core.trend.observation import Observation, Session
-from monitor_core.trend.projection import FEWEST_READINGS, Projection, project
 from monitor_core.trend.sisters import prior_from
 from monitor_core.trend.state import Chart, Charts, DetectorState, Evidence, Run, TrendStatus, state_at
 
@@ -50,12 +53,10 @@ __all__ = [
     "healthy_sessions",
     "learn_baseline",
     "paper_rule",
-    "prediction_interval_of_next",
     "prior_from",
     "project",
     "reset",
     "state_at",
     "step",
-    "tolerance_interval_of_population",
     "trend_line",
 ]

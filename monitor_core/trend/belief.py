@@ -209,8 +209,8 @@ class Prediction:
         degrees = 2.0 * self.bank.shape
         evidence = (
             scipy.special.gammaln(0.5 * (degrees + 1.0)) - scipy.special.gammaln(0.5 * degrees)
-            - 0.5 * np.log(degrees * math.pi) - np.log(self.scale)
-            - 0.5 * (degrees + 1.0) * np.log1p((error / self.scale) ** 2 / degrees)
+            - 0.5 * np.log(degrees * math.pi)
+            - np.log(self.scale) - 0.5 * (degrees + 1.0) * np.log1p((error / self.scale) ** 2 / degrees)
         )  # fmt: skip
         relative = self.bank.log_weight + evidence
         return np.asarray(relative - np.logaddexp.reduce(relative))

@@ -12,10 +12,10 @@ import numpy as np
 import scipy
 
 from monitor_core.arrays import FloatArray
-from monitor_core.trend.design import EVIDENCE_SHARE, DetectorDesign
+from monitor_core.trend.charts import EVIDENCE_SHARE, DetectorDesign, cusum_step
 from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
 from monitor_core.trend.observation import Observation
-from monitor_core.trend.state import DetectorState, cusum_step
+from monitor_core.trend.state import DetectorState
 from monitor_core.uncertainty import Interval, IntervalKind
 
 #: Sessions of a block: what lasts no longer is kept.

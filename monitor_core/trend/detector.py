@@ -14,7 +14,15 @@ import numpy as np
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend.baseline import Baseline, baseline_of, learn_baseline, learn_level_again
 from monitor_core.trend.belief import Belief, learn, pass_over, predict
-from monitor_core.trend.design import EWMA_WEIGHT, SHEWHART_CONSECUTIVE, DetectorDesign, LossDirection
+from monitor_core.trend.charts import (
+    EWMA_WEIGHT,
+    SHEWHART_CONSECUTIVE,
+    DetectorDesign,
+    LossDirection,
+    cusum_step,
+    ewma_step,
+    winsorise,
+)
 from monitor_core.trend.lasting_loss import Beginnings, weigh, without_loss
 from monitor_core.trend.observation import Observation, Session, first_of
 from monitor_core.trend.state import (
@@ -24,9 +32,6 @@ from monitor_core.trend.state import (
     Evidence,
     Run,
     TrendStatus,
-    cusum_step,
-    ewma_step,
-    winsorise,
 )
 
 #: Hysteresis: an alarm or an alert ends when its chart was below this fraction of its limit ...

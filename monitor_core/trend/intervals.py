@@ -1,4 +1,4 @@
-"""Compute intervals of repeated readings: of their mean, of the next reading, of the population.
+"""Compute the confidence interval of the mean of repeated readings, and compare two groups of them as the paper does.
 
 Readings are independent, in any unit, shape (n_readings,); an interval is in the same unit. Fewer than two readings, or
 one that is not finite, raise ``OutsideValidityError``.
@@ -37,80 +37,6 @@ def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: f
     mean, scatter, n = _moments(readings)
     half = _student_t(n - 1, level) * scatter / math.sqrt(n)
     return Interval(mean - half, mean + half, IntervalKind.CONFIDENCE, level)
-
-
-def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: float = 0.95) -> Interval:
-    r"""Return the prediction interval of the next reading of the same population.
-
-    .. math::
-
-        \bar x \pm t^* \, s \sqrt{1 + 1/n}
-
-    Eq. (4.1) of [1]_. A single new reading is to be judged with this one, never with the interval of the mean.
-
-    References
-    ----------
-    .. [1] W. Q. Meeker, G. J. Hahn, L. A. Escobar, Statistical Intervals, 2nd ed., Wiley, 2017.
-    """
-    return prediction_interval(*_moments(readings), level)
-
-
-def prediction_interval(mean: float, scatter: float, n_readings: int, level: float = 0.95) -> Interval:
-    """Return the prediction interval from mean, standard deviation and number of the readings."""
-    half = _student_t(n_readings - 1, level) * scatter * math.sqrt(1.0 + 1.0 / n_readings)
-    return Interval(mean - half, mean + half, IntervalKind.PREDICTION, level)
-
-
-def tolerance_interval_of_population(
-    readings: Sequence[float] | FloatArray, share: float = 0.95, level: float = 0.95
-) -> Interval:
-    """Return an interval that holds a stated share of a normal population, with a stated confidence: its level."""
-    mean, scatter, n = _moments(readings)
-    half = tolerance_factor(n, share, level) * scatter
-    return Interval(mean - half, mean + half, IntervalKind.TOLERANCE, level)
-
-
-def tolerance_factor(n_readings: int, share: float = 0.95, level: float = 0.95) -> float:
-    r"""Return the exact two-sided tolerance factor of a normal population with unknown mean and variance.
-
-    Solves, for the factor :math:`k`,
-
-    .. math::
-
-        \int P\!\left(\chi^2_{n-1} > \frac{(n-1)\,\chi^2_{1;p}(z^2/n)}{k^2}\right) \varphi(z)\,dz = \gamma
-
-    Eq. (2.3.4) of [1]_, with :math:`p` the share and :math:`\gamma` the confidence: half of the interval in sample
-    standard deviations. ``OutsideValidityError`` for fewer than two readings, or if share or level do not lie between 0
-    and 1.
-
-    Examples
-    --------
-    Table of [1]_ for n = 20, 95 % of the population with 95 % confidence:
-
-    >>> round(tolerance_factor(20), 3)
-    2.76
-
-    References
-    ----------
-    .. [1] K. Krishnamoorthy, T. Mathew, Statistical Tolerance Regions, Wiley, 2009.
-    """
-    if n_readings < 2:
-        raise OutsideValidityError(f"an interval needs at least 2 readings; got {n_readings}")
-    if not (0.0 < share < 1.0 and 0.0 < level < 1.0):
-        raise OutsideValidityError(f"share and level must lie between 0 and 1; got {share} and {level}")
-    z, weights = scipy.special.roots_hermitenorm(60)
-    weights = weights / weights.sum()
-    # p-quantile of the non-central χ² with one degree of freedom: half-width that holds the share around an off centre
-    half_width_squared = scipy.special.chndtrix(share, 1.0, z**2 / n_readings)
-
-    def shortfall(factor: float) -> float:
-        survival = scipy.special.chdtrc(n_readings - 1.0, (n_readings - 1.0) * half_width_squared / factor**2)
-        return float(weights @ survival) - level
-
-    upper = 10.0
-    while shortfall(upper) < 0.0:
-        upper *= 10.0
-    return float(scipy.optimize.brentq(shortfall, 1e-3, upper, xtol=1e-10))
 
 
 @dataclass(frozen=True, slots=True)

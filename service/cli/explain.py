@@ -13,7 +13,7 @@ from monitor_core.discrepancy import ExplainOptions, Explanation, Measured
 from monitor_core.discrepancy import explain as explain_axis
 from monitor_core.effects import Effect
 from monitor_core.errors import RecordingFormatError
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.recording import MotionRecord
 from monitor_core.recordings.effect_file import effect_file_text, read_effect_file

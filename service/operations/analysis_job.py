@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Generic, Literal, Protocol, Self, TypeVa
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.measured_responses import SessionResponses, responses_of_windows
 from monitor_core.models import DriveConditions

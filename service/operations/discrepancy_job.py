@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.discrepancy import ExplainOptions, explain, require_explainable
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.recordings.model_file import model_file_text, parse_model
 from service.documents.explanation import explanation_document
 from service.operations.analysis_job import (

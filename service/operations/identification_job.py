@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.identification import IdentifyOptions, PredictionRequest, identify, require_identifiable
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.model_file import parse_model

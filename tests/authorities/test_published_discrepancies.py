@@ -13,8 +13,8 @@ import pytest
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects import PREFIX
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import ModalObservation

@@ -11,9 +11,9 @@ import numpy as np
 
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX, sized_for
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.comparison import Layout, Setting
 from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.residuals.model_form import DEFAULT_SPECTRUM, ModelFormError

@@ -11,8 +11,8 @@ from monitor_core.discrepancy.description.quantities import QUANTITIES, contacts
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects import Variable
 from monitor_core.effects.variation import Form
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hold_out import fitted_values, gap_of, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive

@@ -11,8 +11,8 @@ from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import MisfitKind, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.comparison import Panel
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.models.extended import ExtendedModel, physics_of
 from monitor_core.models.protocol import ExcitationPoint
 from monitor_core.models.published.receptance import ReceptanceParameters

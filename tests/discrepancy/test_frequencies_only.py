@@ -9,7 +9,7 @@ import pytest
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.protocol import MotorEnd
 from monitor_core.recordings.model_file import parse_model

@@ -18,8 +18,8 @@ from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, MachineSizes, Reference, sized_for
 from monitor_core.effects.drive_effects import ADDED_MASS, PRELOAD_CHANGE
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds, known_mass
-from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import FrequencyResponseObservation

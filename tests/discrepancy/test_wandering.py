@@ -5,7 +5,7 @@ import pytest
 from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, remainder_of
 from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering, wandering, wandering_of
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.responses import compare_responses

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from monitor_core.fitting.solver.damped_steps import Patience, minimum_by_damped_steps
+from monitor_core.fitting.solver.steps import Patience, minimum_by_damped_steps
 from tests.fitting.strd import MODELS, agreed_digits, certified, regression
 
 ANYWHERE = np.array([-np.inf, -np.inf]), np.array([np.inf, np.inf])

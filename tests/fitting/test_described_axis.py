@@ -7,7 +7,7 @@ import pytest
 
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import AXIS, SIZES, TOLERANCES, subject
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import linalg
 
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.evidence import EvidenceScale
 from monitor_core.fitting.hold_out import expected_gain, fitted_values, gain, gap_of
 from monitor_core.fitting.hypothesis import Hypothesis

@@ -10,13 +10,12 @@ from scipy import linalg, optimize
 
 from monitor_core.effects import wrong_parameter
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver import hypothesis_fit
-from monitor_core.fitting.solver.damped_steps import Patience
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.fitting.solver.linearised import linearise
-from monitor_core.fitting.solver.steps import GivenUpError, Pace
+from monitor_core.fitting.solver.steps import GivenUpError, Pace, Patience
 from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import (
     AXIS,

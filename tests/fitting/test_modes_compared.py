@@ -15,8 +15,8 @@ from scipy import optimize
 
 from monitor_core.effects import wrong_parameter
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import SettingTolerances
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.fitting.residuals.modes import compare_modes

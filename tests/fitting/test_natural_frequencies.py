@@ -11,9 +11,8 @@ import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.coordinates import JOINT_LIMITS, FreeParameters, free_joints
-from monitor_core.fitting.free_parameter import with_priors
 from monitor_core.fitting.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
-from monitor_core.fitting.problem import central_differences
+from monitor_core.fitting.problem import central_differences, with_priors
 from monitor_core.fitting.residuals.lines import ResidualForm, response_problem
 from monitor_core.fitting.residuals.natural_frequencies import (
     NaturalFrequencyProblem,

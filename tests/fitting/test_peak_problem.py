@@ -8,12 +8,11 @@ import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
-from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
-from monitor_core.fitting.residuals.peak_search import find_peaks
+from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks, peak_grid
 from monitor_core.fitting.residuals.peaks import Weighting, mode_bands, paper_objective, peak_problem
 from monitor_core.fitting.solver.global_search import SearchSettings, search
 from monitor_core.fitting.solver.least_squares import fit_local
-from monitor_core.identification.cases.assignment import assign_modes
+from monitor_core.identification.cases.peaks import assign_modes
 from monitor_core.identification.identifiability import Verdict, assess
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.models.published.receptance.closed_form import position_terms, table_receptance

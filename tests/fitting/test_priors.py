@@ -7,8 +7,7 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.free_parameter import WithPriors, positive_parameter, stated_priors, with_priors
-from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.problem import Bounds, WithPriors, positive_parameter, stated_priors, with_priors
 from monitor_core.fitting.solver.least_squares import fit_local
 
 

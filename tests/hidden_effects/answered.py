@@ -1,8 +1,8 @@
 """Let the workflow answer a case with all of its candidates."""
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.models.families import build_model

@@ -10,7 +10,7 @@ is left of it where the loss of the screw is fitted beside by its own law.
 import numpy as np
 import pytest
 
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import FrequencyResponseObservation

@@ -11,8 +11,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.residuals.peak_grid import Place, mode_bands, peak_grid
-from monitor_core.fitting.residuals.peak_search import find_peaks
+from monitor_core.fitting.residuals.peak_search import Place, find_peaks, mode_bands, peak_grid
 from monitor_core.fitting.residuals.peaks import Weighting
 from monitor_core.fitting.solver.least_squares import LocalFit, fit_local
 from monitor_core.identification.cases import Case, PeakCase, ResponseCase, peak_case, positions_of

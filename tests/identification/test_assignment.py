@@ -7,8 +7,8 @@ import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.observations import ModalObservation
-from monitor_core.identification.cases.assignment import assign_modes
 from monitor_core.identification.cases.mode_tracks import track_modes
+from monitor_core.identification.cases.peaks import assign_modes
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceModel
 from monitor_core.models.published.receptance.chain import discretise, undamped_frequencies

@@ -9,11 +9,9 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.free_parameter import WithPriors, with_priors
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
-from monitor_core.fitting.residuals.peak_search import find_peaks
+from monitor_core.fitting.problem import Bounds, WithPriors, with_priors
+from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks, peak_grid
 from monitor_core.fitting.residuals.peaks import Weighting
 from monitor_core.fitting.solver.global_search import SearchCancelledError, SearchSettings
 from monitor_core.identification.cases import PeakCase, PredictionError, ResponseCase, peak_case

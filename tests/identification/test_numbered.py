@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.coordinates import FreeParameters
-from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.fitting.solver.global_search import SearchSettings
 from monitor_core.identification.cases import PeakCase, assigned_peaks, nearer
+from monitor_core.identification.identify_joints import IdentifyOptions, question_of
 from monitor_core.identification.joint_fit import JointFit, JointFitSettings, fit_joints
-from monitor_core.identification.question import IdentifyOptions, question_of
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.model_file import read_model_file
 from tests.identification import tian

@@ -8,8 +8,7 @@ from scipy import stats
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.fitting.residuals.peak_grid import Place, peak_grid
-from monitor_core.fitting.residuals.peak_search import find_peaks
+from monitor_core.fitting.residuals.peak_search import Place, find_peaks, peak_grid
 from monitor_core.fitting.residuals.peaks import peak_problem
 from monitor_core.identification.cases import ResponseCase
 from monitor_core.identification.cases.mode_tracks import track_modes

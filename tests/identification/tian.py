@@ -6,7 +6,7 @@ from pathlib import Path
 
 from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
-from monitor_core.fitting.residuals.peak_grid import Band
+from monitor_core.fitting.residuals.peak_search import Band
 from monitor_core.models.parameters import name_in_file
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.models.published.receptance import JOINT_NAMES, ReceptanceParameters

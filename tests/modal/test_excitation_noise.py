@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
-from monitor_core.modal.excitation_noise import Contamination, contamination, excitation_noise
+from monitor_core.modal.channels import Contamination, contamination, excitation_noise
 from monitor_core.spectral import band_spectra
 from tests.modal.simulated_axis import BAND, FREQUENCY, N_SAMPLES, RATE, clean_windows
 from tests.plant.shop import CASES, MEDIUM, case_session

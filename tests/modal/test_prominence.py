@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 
 from monitor_core.arrays import FloatArray
-from monitor_core.modal.peaks import prominent_peaks
+from monitor_core.modal.averaging import prominent_peaks
 
 _RNG = np.random.default_rng(7)
 _CASES = {

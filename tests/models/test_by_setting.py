@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor_core.models.extended import AxisSetting, natural_frequencies, physics_of, prepare_lines, responses
-from monitor_core.models.extended.by_setting import axes_by_setting
+from monitor_core.models.extended.settings import axes_by_setting
 from monitor_core.models.protocol import ExcitationPoint, MotorEnd, ResponsePoint
 from tests.models.extended_axes import add, bundled, case_of, conditions_of
 

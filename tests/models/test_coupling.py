@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.published.receptance.matrices import couple_receptances, ground_receptance, joint_receptance
 from monitor_core.models.rod import rod_receptance, wave_number
+from tests.authorities.receptance_matrices import couple_receptances, ground_receptance, joint_receptance
 
 OMEGA = np.linspace(0.3, 4.0, 40)
 

@@ -13,10 +13,15 @@ from scipy.optimize import brentq
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.models.published.damping import effective_loss_factor, equivalent_viscous_damping
 from monitor_core.models.published.hybrid import HybridModel, HybridParameters, equivalent_stiffness, screw_inertia
 from monitor_core.models.published.lumped import LumpedModel, LumpedParameters
-from monitor_core.models.published.small_drive import SecondOrderSystem, drive_natural_frequencies, poles
+from monitor_core.models.published.small_drive import (
+    SecondOrderSystem,
+    drive_natural_frequencies,
+    effective_loss_factor,
+    equivalent_viscous_damping,
+    poles,
+)
 from tests.conftest import PROJECT_ROOT
 
 MODEL_FILE = PROJECT_ROOT / "replay_data" / "models" / "hybrid.toml"

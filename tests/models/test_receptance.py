@@ -19,9 +19,9 @@ from monitor_core.models.published.receptance.closed_form import (
     table_receptance,
     table_receptance_gradient,
 )
-from monitor_core.models.published.receptance.matrices import drive_receptance
 from monitor_core.models.published.receptance.parameters import JOINT_NAMES
 from monitor_core.models.rod import wave_number
+from tests.authorities.receptance_matrices import drive_receptance
 from tests.models.finite_elements import Assembly, Axis
 from tests.models.rods import condensed_stiffness
 

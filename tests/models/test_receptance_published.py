@@ -13,7 +13,7 @@ from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceModel, ReceptanceParameters
 from monitor_core.models.published.receptance.closed_form import position_terms, table_receptance
-from monitor_core.models.published.receptance.matrices import (
+from tests.authorities.receptance_matrices import (
     couple_receptances,
     drive_receptance,
     ground_receptance,

@@ -7,19 +7,17 @@ from hypothesis import strategies as st
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
-from monitor_core.models.published.damping import (
-    complex_stiffness,
-    effective_loss_factor,
-    equivalent_viscous_damping,
-    series_stiffness,
-)
 from monitor_core.models.published.small_drive import (
     DriveEquations,
     SecondOrderSystem,
+    complex_stiffness,
     drive_natural_frequencies,
     drive_normal_modes,
     drive_response,
+    effective_loss_factor,
+    equivalent_viscous_damping,
     poles,
+    series_stiffness,
     transfer_matrix,
     undamped_modes,
 )

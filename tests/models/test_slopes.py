@@ -15,7 +15,7 @@ from monitor_core.models.extended import (
     prepare_lines,
     responses,
 )
-from monitor_core.models.extended.side_by_side import NUMBERS
+from monitor_core.models.extended.settings import NUMBERS
 from monitor_core.models.extended.traced import Traced, derivatives
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 from tests.models.extended_axes import FAMILIES, add, bundled, case_of, conditions_of

@@ -18,7 +18,7 @@ from monitor_core.preload import (
     minimum_detectable_loss,
     preload_sensitivity,
 )
-from monitor_core.preload.influence import from_reference
+from monitor_core.preload.feature import from_reference
 from monitor_core.recording import Conditions, ExcitationSource
 from monitor_core.uncertainty import Estimate
 

@@ -23,7 +23,7 @@ from monitor_core.preload import (
     systematic_uncertainty_between,
 )
 from monitor_core.preload.budget import uncertainty_budget
-from monitor_core.preload.influence import from_reference
+from monitor_core.preload.feature import from_reference
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate, IntervalKind
 

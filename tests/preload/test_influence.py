@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.preload import InfluenceCoefficients
-from monitor_core.preload.influence import correction_sensitivities, from_reference, payload_factor, to_reference
+from monitor_core.preload.feature import correction_sensitivities, from_reference, payload_factor, to_reference
 
 # Σm of Table 1 of Nguyen et al. (2018); temperature: 0.03 % of 1/f² per kelvin at 175 Hz
 INFLUENCE = InfluenceCoefficients(inverse_moving_mass=1.0 / 23.864, temperature=1e-8)

@@ -13,12 +13,13 @@ from monitor_core.preload.budget import TEMPERATURE_LAG
 from monitor_core.preload.doubts import (
     TOLERANCES,
     DoubtReason,
+    PlaceReading,
+    causes_of_residue,
     of_whole_session,
+    places_disagree,
 )
 from monitor_core.preload.feature import PreloadFeatureCoefficients, axial_frequency
 from monitor_core.preload.fit import USUAL_FRICTION_SHARE
-from monitor_core.preload.moved_mass import causes_of_residue
-from monitor_core.preload.places import PlaceReading, places_disagree
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, fit_witness
 from monitor_core.recording import Conditions, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate

@@ -8,7 +8,7 @@ import pytest
 
 from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.errors import RecordingFormatError
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings import effect_file

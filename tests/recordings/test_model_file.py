@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.families import FAMILIES
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint

@@ -9,7 +9,7 @@ import pytest
 
 from monitor_core.discrepancy import ExplainOptions, Outcome, explain
 from monitor_core.fitting.accelerometer import PLACES, place_accelerometer
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.model_file import read_model_file, write_model_file

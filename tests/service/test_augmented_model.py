@@ -9,7 +9,7 @@ from monitor_core.discrepancy.explain_axis import augmented_model
 from monitor_core.discrepancy.explanation import Explanation, Gap, GapPair, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, sized_for, with_effects
 from monitor_core.effects.sizes import motion_sizes
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.extended import ExtendedModel, ResponseCase, prepare_lines, responses

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from monitor_core.effects import DRIVE_EFFECTS
-from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, DriveModel, ExcitationPoint, ResponsePoint
 from monitor_core.recording import ExcitationQuantity, MotionRecord

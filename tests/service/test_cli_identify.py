@@ -15,7 +15,7 @@ from monitor_core.fitting.observations import ModalObservation
 from monitor_core.fitting.residuals.natural_frequencies import NaturalFrequencyProblem
 from monitor_core.identification import IdentifyOptions
 from monitor_core.identification.cases import FrequencyCase
-from monitor_core.identification.question import question_of
+from monitor_core.identification.identify_joints import question_of
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters
 from monitor_core.recordings.effect_file import effect_file_text

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from monitor_core.fitting.residuals.peak_grid import Place, peak_grid
-from monitor_core.fitting.residuals.peak_search import find_peaks
+from monitor_core.fitting.residuals.peak_search import Place, find_peaks, peak_grid
 from monitor_core.identification.sensitivity import peak_sensitivities
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.elements.units import to_millimetres

@@ -7,8 +7,14 @@ import pytest
 from scipy import stats
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.trend.run_length import cusum_run_length, ewma_run_length, shewhart_run_length
-from monitor_core.trend.state import cusum_step, ewma_step, winsorise
+from monitor_core.trend.charts import (
+    cusum_run_length,
+    cusum_step,
+    ewma_run_length,
+    ewma_step,
+    shewhart_run_length,
+    winsorise,
+)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import DetectorSettings, design_detector, detection_delay
-from monitor_core.trend.design import DetectorDesign
+from monitor_core.trend.charts import DetectorDesign
 
 DESIGN = design_detector(DetectorSettings(false_alarms_per_year=1.0))
 N_RUNS = 4000

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.trend import (
-    confidence_interval_of_mean,
-    paper_rule,
-    prediction_interval_of_next,
-    tolerance_interval_of_population,
-)
-from monitor_core.trend.intervals import tolerance_factor
-from monitor_core.uncertainty import IntervalKind
+from monitor_core.trend import confidence_interval_of_mean, paper_rule
 
 LEVELS = pytest.mark.parametrize("level", [0.8, 0.95, 0.99])
 
@@ -31,44 +24,13 @@ def test_twenty_readings_take_t_of_nineteen_degrees_of_freedom_and_not_the_paper
     assert twenty_one.upper * math.sqrt(20.0) != pytest.approx(2.086, abs=5e-4)
 
 
-def test_prediction_of_the_next_reading_is_wider_by_the_root_of_n_plus_one():
-    readings = readings_with(300.0, 35.0, 20)
-    mean, following = confidence_interval_of_mean(readings), prediction_interval_of_next(readings)
-    assert (following.upper - 300.0) / (mean.upper - 300.0) == pytest.approx(math.sqrt(21.0))
-    assert (mean.kind, following.kind) == (IntervalKind.CONFIDENCE, IntervalKind.PREDICTION)
-
-
-@pytest.mark.parametrize(("n", "factor"), [(5, 5.077), (10, 3.393), (20, 2.760), (30, 2.555)])
-def test_tolerance_factor_meets_the_exact_tables(n, factor):
-    # Krishnamoorthy & Mathew (2009), Table B3, content and confidence .95; three decimals are printed
-    assert tolerance_factor(n) == pytest.approx(factor, abs=1e-3)
-
-
-def test_tolerance_factor_tends_to_the_normal_quantile():
-    assert tolerance_factor(1_000_000) == pytest.approx(1.96, abs=5e-3)
-
-
 @LEVELS
-def test_each_interval_covers_what_it_names_as_often_as_it_says(level):
+def test_the_interval_covers_the_mean_as_often_as_it_says(level):
     rng = np.random.default_rng(20)
     n_trials, n = 2000, 8
-    hits = np.zeros(3)
-    for _ in range(n_trials):
-        readings = rng.normal(250.0, 30.0, n)
-        hits[0] += confidence_interval_of_mean(readings, level).covers(250.0)
-        hits[1] += prediction_interval_of_next(readings, level).covers(rng.normal(250.0, 30.0))
+    hits = sum(confidence_interval_of_mean(rng.normal(250.0, 30.0, n), level).covers(250.0) for _ in range(n_trials))
     # four standard deviations of a binomial share
-    assert hits[:2] / n_trials == pytest.approx(level, abs=4.0 * math.sqrt(level * (1.0 - level) / n_trials))
-
-
-def test_tolerance_interval_holds_its_share_as_often_as_it_says():
-    rng = np.random.default_rng(21)
-    n_trials, kept = 1000, 0
-    for _ in range(n_trials):
-        interval = tolerance_interval_of_population(rng.normal(size=8), share=0.9, level=0.95)
-        inside = 0.5 * (math.erf(interval.upper / math.sqrt(2.0)) - math.erf(interval.lower / math.sqrt(2.0)))
-        kept += inside >= 0.9
-    assert kept / n_trials == pytest.approx(0.95, abs=4.0 * math.sqrt(0.95 * 0.05 / n_trials))
+    assert hits / n_trials == pytest.approx(level, abs=4.0 * math.sqrt(level * (1.0 - level) / n_trials))
 
 
 def test_the_papers_rule_tells_its_own_two_levels_apart_and_not_two_halves_of_one():
@@ -97,4 +59,4 @@ def test_too_few_or_broken_readings_are_refused(readings):
 
 def test_a_level_of_one_is_refused():
     with pytest.raises(OutsideValidityError, match="level must lie between 0 and 1"):
-        prediction_interval_of_next([1.0, 2.0], level=1.0)
+        confidence_interval_of_mean([1.0, 2.0], level=1.0)

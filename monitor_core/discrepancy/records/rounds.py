@@ -11,8 +11,8 @@ from monitor_core.discrepancy.records.look import STANDS_OUT, record_under, wors
 from monitor_core.discrepancy.records.masking import bent_to
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.comparison import Comparison, HasRecords
-from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.hold_out import fitted_values, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit

@@ -31,8 +31,8 @@ from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
-from monitor_core.fitting.free_parameter import prior_jacobian, prior_residuals
 from monitor_core.fitting.hypothesis import Hypothesis, is_size, searched_coordinates
+from monitor_core.fitting.problem import prior_jacobian, prior_residuals
 from monitor_core.fitting.solver.derivatives import derivative
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 

@@ -10,7 +10,7 @@ from typing import Generic
 
 from monitor_core.effects.effect import Physics
 from monitor_core.errors import MonitorCoreError
-from monitor_core.fitting.described_axis import DescribedAxis
+from monitor_core.fitting.axis import DescribedAxis
 
 
 class TimeIsUpError(MonitorCoreError, RuntimeError):

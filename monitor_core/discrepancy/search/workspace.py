@@ -20,10 +20,10 @@ from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Rival
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.conditions.settings import is_testable
-from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.evidence import VERY_STRONG
 from monitor_core.fitting.hold_out import fitted_values, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis

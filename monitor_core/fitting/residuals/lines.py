@@ -19,7 +19,7 @@ where the measured ones do not, and χ² hardly changes with where they stand. T
 and sees from afar in which direction a resonance lies. Its weights know the measured |H_t| only, noise included, which
 biases it in the second order of σ/|H_t|; it is for the search, the first one is for the answer.
 
-Choose the lines of measured responses that a logarithm can hold, and keep phases within half a turn.
+Lines that a logarithm cannot hold are left out, and phases are kept within half a turn.
 """
 
 import math
@@ -257,7 +257,7 @@ def response_problem(
 
     Their ``factors`` count as exact unless it is said how well they are known.
 
-    Priors are not in it: :func:`monitor_core.fitting.free_parameter.with_priors` adds ``drive.priors``.
+    Priors are not in it: :func:`monitor_core.fitting.problem.with_priors` adds ``drive.priors``.
 
     Raises NotIdentifiableError if there are too few positions, fewer data than free parameters (a line is two), or one
     of these moves no line and has no prior; OutsideValidityError if a response is zero at a line and its logarithm is

@@ -1,4 +1,4 @@
-r"""Compare natural frequencies with those of a drive model of any family.
+r"""Assign measured natural frequencies to the modes of a drive model of any family, and compare them.
 
 The model answers by the common protocol, once per condition. A measured frequency leaves
 
@@ -8,8 +8,6 @@ The model answers by the common protocol, once per condition. A measured frequen
 
 (c calculated, t tested), where f_c is a natural frequency, ω_n/2π of a pole, and not the top of a peak: the two differ
 by a share of the order of ζ², and by more where modes are close.
-
-Turn modal observations into values, and assign measured natural frequencies to the modes of a model.
 """
 
 import math
@@ -25,7 +23,7 @@ from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.fitting.problem import central_differences
-from monitor_core.fitting.residuals.peak_grid import IndexArray, relative_frequency_uncertainty
+from monitor_core.fitting.residuals.peak_search import IndexArray, relative_frequency_uncertainty
 from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 
@@ -180,7 +178,7 @@ def natural_frequency_problem(
     """Make the problem of finding the free parameters from natural frequencies; amplitudes play no part.
 
     The frequencies have their elastic modes from :func:`assign_by_frequency` or as a source states them; one without an
-    uncertainty has 1 %. Priors are not in it: :func:`monitor_core.fitting.free_parameter.with_priors` adds
+    uncertainty has 1 %. Priors are not in it: :func:`monitor_core.fitting.problem.with_priors` adds
     ``drive.priors``.
 
     Raises NotIdentifiableError if there are fewer data than free parameters, or one of these moves no datum and has no
@@ -203,7 +201,7 @@ def assign_by_frequency(
 
     For any family, by frequency alone: under each condition the sum of (ln f_t/f_c)² is least, so that peaks keep the
     order of their modes. The receptance family has shapes too, which
-    :func:`monitor_core.identification.cases.assignment.assign_modes` follows along the screw.
+    :func:`monitor_core.identification.cases.peaks.assign_modes` follows along the screw.
 
     Raises NotIdentifiableError if a peak is farther than ``largest_shift``, relative, from every mode, or two under one
     condition belong to one mode.

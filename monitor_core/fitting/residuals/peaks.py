@@ -24,17 +24,19 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.observations import AssignedPeak
-from monitor_core.fitting.residuals.peak_grid import (
+from monitor_core.fitting.residuals.peak_search import (
     Band,
     IndexArray,
     PeakGrid,
+    Peaks,
     Place,
+    find_peaks,
+    find_peaks_with_gradient,
     mode_bands,
     peak_grid,
     relative_amplitude_uncertainty,
     relative_frequency_uncertainty,
 )
-from monitor_core.fitting.residuals.peak_search import Peaks, find_peaks, find_peaks_with_gradient
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters
 from monitor_core.models.published.receptance.joint_response import JOINT_NAMES_IN_FILE, joint_values, joints_of
@@ -136,7 +138,7 @@ def peak_problem(
     """Make the problem of finding the joints from peaks.
 
     The drive is of the receptance family, with joints alone free; the peaks come with their modes from
-    :func:`monitor_core.identification.cases.assignment.assign_modes`. The bands say where the peak of each mode is
+    :func:`monitor_core.identification.cases.peaks.assign_modes`. The bands say where the peak of each mode is
     looked for, by default :func:`mode_bands`. The minimum of data counts frequencies and amplitudes, by default one per
     free joint. One position fits its own peaks with joints that fail elsewhere, which is the paper's point.
 

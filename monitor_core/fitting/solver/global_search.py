@@ -1,6 +1,6 @@
-"""Global search: populations over the whole bounds, then local fits from many starts, and how far these agree.
+"""Search the whole bounds by differential evolution, fit from many starts, and say how far the fits agree.
 
-Populations of a global search: differential evolution through a map, in steps that can be watched and stopped.
+The populations come through a map, in steps that can be watched and stopped.
 """
 
 from collections.abc import Callable, Iterable
@@ -94,7 +94,7 @@ def evolve(
     """
     candidates_per_coordinate, n_generations = size
 
-    def after_generation(intermediate_result: scipy.optimize.OptimizeResult) -> None:
+    def after_generation(intermediate_result: object) -> None:
         steps.reach(steps.done + 1)
 
     steps.reach(steps.done)

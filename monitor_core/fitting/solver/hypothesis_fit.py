@@ -22,12 +22,11 @@ from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
-from monitor_core.fitting.free_parameter import prior_jacobian, prior_residuals
 from monitor_core.fitting.hypothesis import Hypothesis
-from monitor_core.fitting.solver.damped_steps import Patience
+from monitor_core.fitting.problem import prior_jacobian, prior_residuals
 from monitor_core.fitting.solver.derivatives import one_sided_derivative, residual_jacobian
 from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors, resolved_at_errors
-from monitor_core.fitting.solver.steps import GivenUpError, Pace, nearest_minimum, remembered
+from monitor_core.fitting.solver.steps import GivenUpError, Pace, Patience, nearest_minimum, remembered
 
 #: χ² per value that the tolerance is chosen for, and below which none is needed.
 _TEMPERED = 4.0

@@ -1,6 +1,4 @@
-r"""Linearise a comparison around the condition errors that are likely there.
-
-Account for condition errors: errors of a setting that all its values share.
+r"""Linearise a comparison around the likely errors of its conditions, which all values of a setting share.
 
 With the misfit in its standard deviations, r, and its change T by the standard normal errors of its setting, the
 covariance within a setting is :math:`V = I + T^T T`. Multiplied by :math:`V^{-1/2}` the residuals are independent and

@@ -1,4 +1,4 @@
-r"""Move a fit to the mode of its posterior, where the condition errors depend on what was fitted.
+r"""Move a fit to the mode of its posterior, integrated over condition errors that act too strongly to be linear.
 
 Least squares take the covariance V of the misfit as it is at each step. Some condition errors act more on the data the
 larger an effect is (a table that stands 0.3 mm from its stated position, under a preload that varies over a lead of
@@ -6,8 +6,6 @@ larger an effect is (a table that stands 0.3 mm from its stated position, under 
 :math:`\ln \det V` is that cost; but V is a linearisation, and with it the effect becomes too small. So the error that
 acts strongly is integrated (:func:`integrated_cost`), and the minimum of that cost is sought in coordinates in which
 data and priors together determine every direction to one standard deviation.
-
-Integrate the posterior of a fit over that error of each setting which acts too strongly to be linear.
 
 A preload that varies by a third over a lead of 6 mm differs at 0.3 mm from the stated position by more than its slope
 says, and near an extreme to the same side whichever way the table is off. With that error e of a setting

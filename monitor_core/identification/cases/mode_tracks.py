@@ -13,7 +13,7 @@ import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.residuals.peak_grid import IndexArray
+from monitor_core.fitting.residuals.peak_search import IndexArray
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance.chain import DiscreteDrive, discretise
 from monitor_core.models.published.receptance.parameters import ReceptanceParameters

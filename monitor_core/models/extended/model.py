@@ -10,13 +10,13 @@ import numpy as np
 from monitor_core.arrays import FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.ball_screw import BallScrew
-from monitor_core.models.extended.by_setting import axis_at
 from monitor_core.models.extended.closed_form import entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.lines import ResponseCase, prepare_lines
 from monitor_core.models.extended.modes import drive_modes, has_rigid_body_mode, natural_frequencies, with_damping
 from monitor_core.models.extended.physics import AxisPhysics, BodyPhysics, JointPhysics, ScrewPhysics
 from monitor_core.models.extended.responses import responses
+from monitor_core.models.extended.settings import axis_at
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.poles import circles_around
 from monitor_core.models.protocol import (

@@ -20,7 +20,6 @@ import numpy.typing as npt
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.bending import own_frequencies as own_frequencies_of_bending
-from monitor_core.models.extended.by_setting import axis_at
 from monitor_core.models.extended.carried import own_frequencies
 from monitor_core.models.extended.closed_form import (
     EntireParts,
@@ -32,6 +31,7 @@ from monitor_core.models.extended.closed_form import (
 )
 from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.settings import axis_at
 from monitor_core.models.parameters import scaled_damping
 from monitor_core.models.poles import zeros_between, zeros_near
 from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency

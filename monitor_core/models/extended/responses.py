@@ -7,11 +7,11 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, NumberArray, acts
 from monitor_core.models.extended.amplitude import linearise
-from monitor_core.models.extended.by_setting import axes_by_setting
 from monitor_core.models.extended.closed_form import Path, entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states
 from monitor_core.models.extended.lines import PreparedLines
 from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.settings import axes_by_setting
 
 
 def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:

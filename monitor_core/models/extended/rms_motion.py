@@ -15,8 +15,7 @@ import numpy.typing as npt
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.models.extended.closed_form import entire_parts
 from monitor_core.models.extended.conditions import AxisStates
-from monitor_core.models.extended.excitations import Excitations
-from monitor_core.models.extended.lines import PreparedLines
+from monitor_core.models.extended.lines import Excitations, PreparedLines
 from monitor_core.models.extended.physics import AxisPhysics
 
 #: Terms of f_00 + c f_10 + h f_01 + c h f_11, a function of damper and hardening, by the two powers.

@@ -17,16 +17,16 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, logarithm
-from monitor_core.models.extended.by_setting import axis_at
 from monitor_core.models.extended.closed_form import entire_parts, path_of
 from monitor_core.models.extended.conditions import ConditionArrays, axis_states
 from monitor_core.models.extended.lines import PreparedLines
 from monitor_core.models.extended.physics import AxisPhysics, AxisSetting
 from monitor_core.models.extended.responses import motions, observed, with_second_mode
-from monitor_core.models.extended.side_by_side import (
+from monitor_core.models.extended.settings import (
     NUMBERS,
     RECORDS,
     alike_in_terms,
+    axis_at,
     numbers_of,
     side_by_side,
     with_values,

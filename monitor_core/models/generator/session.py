@@ -1,6 +1,6 @@
 """Simulate a recorded session of a drive model: torque at the motor end, acceleration and position of the table.
 
-Add to a response what modal superposition leaves out: damping between modes, hysteresis, higher modes.
+What modal superposition leaves out of a response is added to it: damping between modes, hysteresis, higher modes.
 """
 
 from collections.abc import Iterator, Sequence

@@ -17,8 +17,13 @@ from monitor_core.models.ball_screw import BallScrew, nut_rigidity
 from monitor_core.models.bracket import BeyondContacts, beyond_contacts
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveConditions, MotorEnd, require_position
-from monitor_core.models.published.damping import complex_stiffness, series_stiffness
-from monitor_core.models.published.small_drive import DriveEquations, SecondOrderSystem, SmallDrive
+from monitor_core.models.published.small_drive import (
+    DriveEquations,
+    SecondOrderSystem,
+    SmallDrive,
+    complex_stiffness,
+    series_stiffness,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

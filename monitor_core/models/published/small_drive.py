@@ -1,14 +1,19 @@
-"""Answer for a drive that is written as a small system: responses, natural frequencies and normal modes.
+"""Answer for a drive of few degrees of freedom, M q̈ + C q̇ + K q = f: responses, natural frequencies and normal modes.
 
-Solve systems of few degrees of freedom, M q̈ + C q̇ + K q = f: response, undamped modes and poles.
+Its springs may lose energy by a loss factor, which belongs to the frequency domain. With a complex stiffness the
+equations of motion have, besides the decaying solution that oscillates with ω > 0, one with ω < 0 that grows: they must
+not be integrated in time.
 """
 
+import cmath
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray, read_only, read_only_complex
@@ -26,6 +31,63 @@ from monitor_core.models.protocol import (
     require_frequencies,
 )
 from monitor_core.response import FrequencyResponse
+
+
+def complex_stiffness(stiffness: float, loss_factor: float) -> complex:
+    r"""Return the stiffness of a spring with hysteretic damping.
+
+    .. math:: \hat k = k (1 + j \eta)
+
+    Section 3 of Sun et al. (2022), for positive frequencies; k in N/m or N·m/rad. A joint that does not give, of
+    infinite k, does not lose energy either.
+    """
+    return complex(math.inf, 0.0) if math.isinf(stiffness) else stiffness * complex(1.0, loss_factor)
+
+
+def series_stiffness(*stiffnesses: complex) -> complex:
+    r"""Return the stiffness of springs in series.
+
+    .. math:: \hat k = \left[ \sum_i \frac{1}{\hat k_i} \right]^{-1} = k (1 + j \eta_e)
+
+    Eqs. (5) and (14) of Sun et al. (2022). Infinite ones do not count; ``OutsideValidityError`` if one of them is zero,
+    or none is finite: the chain would be open, or rigid.
+
+    Examples
+    --------
+    Half of each of two equal springs, and a rigid bracket:
+
+    >>> series_stiffness(complex_stiffness(2.0, 0.1), complex_stiffness(2.0, 0.1), complex_stiffness(math.inf, 0.1))
+    (1+0.1j)
+    """
+    finite = [k for k in map(complex, stiffnesses) if cmath.isfinite(k)]
+    if not finite or 0.0 in finite:
+        raise OutsideValidityError(f"springs in series must not be zero, nor all of them infinite; got {stiffnesses}")
+    return 1.0 / sum(1.0 / k for k in finite)
+
+
+def effective_loss_factor(stiffness: complex) -> float:
+    """Return η_e of k(1 + jη_e), Eq. (14) of Sun et al. (2022), without unit."""
+    return stiffness.imag / stiffness.real
+
+
+def equivalent_viscous_damping(stiffness: npt.ArrayLike, omega: float) -> FloatArray:
+    r"""Return the viscous damping that loses as much energy in a cycle at one frequency.
+
+    .. math:: c = \frac{\eta_e k}{\omega}
+
+    from :math:`j \omega c = j \eta_e k`; for the time domain, in which a complex stiffness must not be used. The
+    stiffness k(1 + jη_e) [N/m or N·m/rad] is one spring's or a matrix, and the result [N·s/m or N·m·s/rad] has its
+    shape. Both lose the same at omega [rad/s], the resonance; ``OutsideValidityError`` if it is not positive.
+
+    Examples
+    --------
+    >>> float(equivalent_viscous_damping(100.0 + 4.0j, 2.0))
+    2.0
+    """
+    if not (math.isfinite(omega) and omega > 0.0):
+        raise OutsideValidityError(f"omega must be positive; got {omega} rad/s")
+    return np.asarray(np.imag(np.asarray(stiffness, dtype=np.complex128)) / omega)
+
 
 #: A mode whose springs cancel to this share of what each of them stores is one of the rigid body.
 _RIGID = 1e-10

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
 from monitor_core.quality import QualityGate

@@ -147,10 +147,7 @@ def judged_anew(
     if windows is None:
         return staged
     settings = core_settings(anew.configuration)
-    refusals: dict[datetime, Rejection | None] = {}
-    for window in windows:
-        quality = check_window(window, settings, anew.calibration)
-        refusals[window.started_at] = quality if isinstance(quality, Rejection) else None
+    refusals = {window.started_at: check_window(window, settings, anew.calibration) for window in windows}
     passed = [window for window in windows if refusals[window.started_at] is None]
     refusals |= at_its_position(passed, anew.configuration.position_span_limit_mm)
     accepted = [window for window in passed if refusals[window.started_at] is None]

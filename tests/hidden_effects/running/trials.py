@@ -10,7 +10,7 @@ from monitor_core.change.attribution import ChangeAttribution, attribute_change
 from monitor_core.change.cells import ChangeTolerances
 from monitor_core.change.reference_ratio import compare_times
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects.running.sessions import (
     HAPPENINGS,

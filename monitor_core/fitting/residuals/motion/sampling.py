@@ -1,6 +1,7 @@
-"""Choose the values of a motion record to compare: a low-passed, slower copy without its ends and standstill.
+"""Choose the values of a motion record to compare, and estimate the noise of its force.
 
-Estimate the noise of a measured force from a motion that repeats, or else from frequencies above any motion.
+Compared is a low-passed, slower copy without its ends and standstill. The noise is that of a motion that repeats, or
+else of frequencies above any motion.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Receptance-coupling model (Tian et al.): distributed screw, four joints, the table anywhere on the screw.
 
-``matrices`` couples the substructures as the paper does, ``closed_form`` gives the same result, fast and with its
-gradient; ``modes`` finds the poles from the starts of ``chain``.
+``closed_form`` gives what coupling the substructures as the paper does gives, fast and with its gradient; ``modes``
+finds the poles from the starts of ``chain``.
 """
 
 from monitor_core.models.published.receptance.model import ReceptanceModel

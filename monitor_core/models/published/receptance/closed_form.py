@@ -21,8 +21,6 @@ A/B is the axial and T/U the torsional stiffness (U with i_b²), K/y the nut wit
 the stiffnesses of the two bearings, T and U linear in that of the coupling. All else is known once frequencies and
 position are, and is kept in a :class:`PositionTerms`. Everything is an entire function of ω, so the same code serves on
 the frequency axis and for complex poles.
-
-Compute what the closed form of Tian's drive needs of one position: trigonometry and inertia, no joint in it.
 """
 
 from dataclasses import dataclass

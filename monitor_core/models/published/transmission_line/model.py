@@ -1,6 +1,6 @@
-"""Transmission-line model (Moreno-Castaneda et al., 2005): the screw as lines on which waves travel step by step.
+"""Simulate a drive by transmission lines (Moreno-Castaneda et al., 2005): waves on the screw, step by step.
 
-Simulate the drive in time under a given torque and table force, with a nut that moves while waves travel.
+The drive is given a torque and a force at the table; its nut moves while waves travel.
 """
 
 import math

@@ -147,8 +147,7 @@ class Batch:
         self._admission.let_go = self._let_go(connection)
         was_judged_at = {row.name: row.started_at for row in self._measurements.values() if row.status != OPEN}
         for window in new:
-            quality = check_window(window, settings, self.calibration)
-            self._admission.admit(window, quality if isinstance(quality, Rejection) else None)
+            self._admission.admit(window, check_window(window, settings, self.calibration))
         complete = set().union(*(post.complete for post in self.posts))
         for row in self._admission.complete(complete):
             with metrics.judging.time():

@@ -1,12 +1,8 @@
 """Build Tian's drive as the paper does: couple the receptances of three substructures, Eqs. (1)-(24).
 
-The closed form of ``closed_form`` says the same in a fiftieth of the time; this is
-what it is compared with, and where the responses of the screw inside the nut are.
-
-Couple receptances: the response of an assembly from the responses of its substructures.
-
-Array level; any leading axes (frequency, position, draw) are carried along. Points are indices into the last two axes
-of a receptance, which holds the response at the row's point to a force (or torque) at the column's point.
+It is what the closed form of the product is compared with, a fiftieth as fast, and says what the screw does inside the
+nut. Array level; any leading axes (frequency, position, draw) are carried along. Points are indices into the last two
+axes of a receptance, which holds the response at the row's point to a force (or torque) at the column's point.
 """
 
 from collections.abc import Sequence
