@@ -135,7 +135,7 @@ def axis_out(status: AxisStatus) -> AxisOut:
         active_calibration=row.active_calibration_id,
         state=status.state,
         state_since=status.since,
-        last_measurement=status.last_measurement,
+        last_measurement=None if status.last_measurement is None else status.last_measurement.document(),
         refused_windows=row.refused_windows,
         uncharted=row.uncharted,
         open_alarms=status.open_alarms,

@@ -27,13 +27,6 @@ router = APIRouter(tags=["operations"])
 MINIMUM_FREE_BYTES = 200 * 2**20
 
 
-class MetricsOfMeasurement(BaseModel):
-    """What the metrics say of a measurement; of one that was refused there is neither."""
-
-    preload_n: float | None = None
-    interval_95_n: tuple[float | None, float | None] | None = None
-
-
 class HealthOut(BaseModel):
     """The process answers."""
 
@@ -91,12 +84,11 @@ def _standing(on: Services) -> bytes:
 
 
 def _reading(axis: AxisStatus) -> AxisReading:
-    said = MetricsOfMeasurement.model_validate(axis.last_measurement or {})
     return AxisReading(
         axis.row.id,
         axis.state,
         axis.open_alarms,
         axis.row.last_measured_at,
-        said.preload_n,
-        said.interval_95_n or (None, None),
+        axis.last.preload_n,
+        axis.last.interval_95_n or (None, None),
     )

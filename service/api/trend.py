@@ -16,6 +16,7 @@ from service.api.access import needs
 from service.api.axes import StaleOut, stale_out
 from service.api.maintenance import MaintenanceOut, maintenance_out
 from service.api.services import Services, services
+from service.documents.history import AlertView, BaselineView, FalseAlarmsView, LineView
 from service.documents.measurement import interval_of, numbers
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
@@ -228,20 +229,21 @@ class HistoryOut(BaseModel):
 
     axis: str
     baseline: Annotated[
-        JsonObject | None, Field(description="what is normal, and what was not seen yet; null while it is learnt")
+        BaselineView | None, Field(description="what is normal, and what was not seen yet; null while it is learnt")
     ]
-    trend_line: Annotated[JsonObject | None, Field(description="line through the newest sessions, with its slope")]
+    trend_line: Annotated[LineView | None, Field(description="line through the newest sessions, with its slope")]
     false_alarms: Annotated[
-        JsonObject | None, Field(description="a year: as stated, and as the history of this axis gives by resampling")
+        FalseAlarmsView | None,
+        Field(description="a year: as stated, and as the history of this axis gives by resampling"),
     ]
     alert: Annotated[
-        JsonObject | None, Field(description="that stands: how far the preload is off, and what to do; null if none")
+        AlertView | None, Field(description="that stands: how far the preload is off, and what to do; null if none")
     ] = None
     stale: Annotated[StaleOut | None, Field(description="while it is judged anew: by which job")] = None
     events: Annotated[list[MaintenanceOut], Field(description="what was done to it, in order of time")] = []
 
 
-@router.get("/axes/{axis}/history", dependencies=[needs(Scope.TRENDS_READ)])
+@router.get("/axes/{axis}/history", response_model_exclude_unset=True, dependencies=[needs(Scope.TRENDS_READ)])
 def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> HistoryOut:
     """Return what is normal for an axis, where its trend goes, and how often it alarms falsely."""
     history = on.history.of(axis)
@@ -267,7 +269,7 @@ def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, De
         measurement=row.name,
         at=row.started_at,
         status=row.status,
-        outcome=view.outcome,
+        outcome=None if view.outcome is None else view.outcome.document(),
         windows=[
             WindowEntry(
                 started_at=w.started_at, refusal_reason=w.refusal_reason, refusal_detail=w.refusal_detail,

@@ -234,5 +234,5 @@ def _answer(receipt: IngestReceipt) -> WindowsOut:
             )
             for item in receipt.windows
         ],
-        measurements=list(receipt.measurements),
+        measurements=[measured.document() for measured in receipt.measurements],
     )

@@ -6,6 +6,7 @@ Texts are English with named places for values; a page puts them into its own la
 from dataclasses import dataclass
 from datetime import datetime
 
+from service.documents.history import AlertView
 from service.documents.said import N_, Said, Value
 
 
@@ -16,15 +17,6 @@ class Cleared:
     at: datetime
     who: str | None
     comment: str
-
-
-@dataclass(frozen=True, slots=True)
-class Alert:
-    """An alert that stands: since when the preload is off, and by how much on average [N]."""
-
-    since: datetime
-    is_rise: bool
-    change: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +45,7 @@ class AxisFacts:
     preload: float | None  # of the last measurement [N]
     baseline: float | None  # [N]
     cleared: Cleared | None = None  # since then nothing was measured
-    alert: Alert | None = None
+    alert: AlertView | None = None
     alarm: OpenAlarm | None = None
 
 
@@ -170,12 +162,12 @@ def _unheard(facts: AxisFacts) -> Standing:
     return Standing(Said(text, {"number": str(facts.in_force)}), _MEASURE)
 
 
-def _alerted(alert: Alert | None) -> Standing:
+def _alerted(alert: AlertView | None) -> Standing:
     again = Said("Measure again, at another position too.")
     if alert is None:
         return Standing(Said("The last measurements are off the baseline by more than chance explains well."), again)
-    values: dict[str, Value] = {"day": alert.since, "change": round(abs(alert.change))}
-    if alert.is_rise:
+    values: dict[str, Value] = {"day": alert.since, "change": round(abs(alert.mean_change_n))}
+    if alert.direction == "rise":
         text = N_("Since %(day)s the preload is %(change)s N above the baseline on average. That is no loss.")
         step = N_(
             "Nothing tightens by itself: are payload, temperature and position as stated, was the machine worked on?"

@@ -14,7 +14,6 @@ from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisState, MeasurementOutcome
 from monitor_core.preload import (
     Calibration,
-    DoubtReason,
     DragTorque,
     PreloadEstimate,
     preload_from_feature,
@@ -145,40 +144,8 @@ def measurement_document(row: "MeasurementRecord", outcome: MeasurementOutcome) 
     return finite_or_null(document)
 
 
-def with_trend(document: JsonObject, point: "TrendPoint") -> JsonObject:
-    """Add what the measurement did to the charts, and what its axis had learnt, which later arrivals may change."""
-    added: JsonObject = {"state": point.state, "charted": charted(point), "uncharted": point.uncharted}
-    if point.baseline_preload_n is not None:
-        added["baseline_preload_n"] = point.baseline_preload_n
-    return document | added | _with_doubt_of_session(document, point) | _with_learnt_scatter(document, point)
-
-
-def _with_doubt_of_session(document: JsonObject, point: "TrendPoint") -> JsonObject:
-    """Return the doubts with what the places of the session say together."""
-    own = document.get("doubts")
-    if point.places_disagree is None or not isinstance(own, list):
-        return {}
-    return {"doubts": [*own, {"reason": str(DoubtReason.PLACES_DISAGREE), "detail": point.places_disagree}]}
-
-
-def _with_learnt_scatter(document: JsonObject, point: "TrendPoint") -> JsonObject:
-    """Return interval, uncertainty and shares with the scatter that the axis has shown from session to session."""
-    unexplained, shares = _unexplained(point), document.get("variance_shares")
-    own = document.get("preload_feature_standard_uncertainty_s2")
-    if unexplained == 0.0 or not isinstance(own, float) or not isinstance(shares, dict):
-        return {}
-    total = own**2 + unexplained**2
-    kept = {name: share * own**2 / total for name, share in shares.items() if isinstance(share, float)}
-    between = kept.get("between_session", 0.0) + unexplained**2 / total
-    rescaled: JsonObject = {**kept, "between_session": between}
-    return {
-        "interval_95_n": list(interval_of(point)),
-        "preload_feature_standard_uncertainty_s2": math.sqrt(total),
-        "variance_shares": rescaled,
-    }
-
-
-def _unexplained(point: "TrendPoint") -> float:
+def unexplained_of(point: "TrendPoint") -> float:
+    """Return the scatter that an axis has shown from session to session beyond what its calibration states [s²]."""
     if point.learnt_scatter_s2 is None or point.feature_scatter_s2 is None:
         return 0.0
     return unexplained_scatter(point.learnt_scatter_s2, point.feature_scatter_s2)
@@ -190,7 +157,7 @@ def interval_of(point: "TrendPoint") -> tuple[float | None, float | None]:
     if point.preload_n is None or point.feature_s2 is None or lower is None:
         return lower, upper
     judged = Interval(lower, math.inf if upper is None else upper, IntervalKind.COVERAGE)
-    interval = widened(judged, point.preload_n, point.feature_s2, _unexplained(point))
+    interval = widened(judged, point.preload_n, point.feature_s2, unexplained_of(point))
     return interval.lower, interval.upper if math.isfinite(interval.upper) else None
 
 

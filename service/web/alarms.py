@@ -23,7 +23,6 @@ from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.history import AxisHistory
 from service.report.trend_chart import Band, LaneEvent
 from service.store.trend.points import Span, TrendPoint
-from service.web.axis import Last
 from service.web.forms import MomentText, ShownRange, moment_of
 from service.web.site import PageOf, done
 from service.web.trend_view import MOST_SHOWN, Charts, preload_charts
@@ -104,7 +103,6 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
     status = on.trend.status(view.row.axis_id)
     evidence = read_evidence(view.row.evidence)
     told = alarm_out(view)
-    last = Last.model_validate(status.last_measurement or {})
     present = _present(view.row.axis_id, on)
     return page.show(
         "alarm.html",
@@ -112,7 +110,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
         evidence=evidence,
         axis=status.row,
         state=status.state,
-        last=last,
+        last=status.last,
         present=present,
         present_interval=None if present is None else interval_of(present),
         sentence=alarm_sentence(

@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated, Final
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Response
-from pydantic import BaseModel, ConfigDict
 
 from service.api.access import needs
 from service.api.alarms import AlarmOut, alarm_out
@@ -41,52 +39,6 @@ _LISTED: Final = 20
 _MOST_ALARMS: Final = 50
 
 
-class Last(BaseModel):
-    """What the page shows of the last measurement."""
-
-    model_config = ConfigDict(frozen=True)
-
-    started_at: datetime | None = None
-    position_mm: float | None = None
-    payload_kg: float | None = None
-    temperature_c: float | None = None
-    preload_n: float | None = None
-    interval_95_n: tuple[float | None, float | None] | None = None
-    interval_kind: str = "95 % coverage"
-    baseline_preload_n: float | None = None
-    coherence: float | None = None
-    n_averages: int | None = None
-    windows_dropped: int = 0
-    drag_torque_nm: float | None = None
-    refused: bool = False
-    reason: str | None = None
-    detail: str | None = None
-    outside: list[str] = []
-    doubts: list["Doubt"] = []
-    compared_with_calibration: dict[str, "Compared"] = {}
-    variance_shares: dict[str, float] = {}
-
-    @property
-    def half_width_n(self) -> float | None:
-        """Half of the width of the interval; None if an end is open."""
-        lower, upper = self.interval_95_n or (None, None)
-        return None if lower is None or upper is None else (upper - lower) / 2.0
-
-
-class Doubt(BaseModel):
-    """What speaks against the number."""
-
-    reason: str
-    detail: str
-
-
-class Compared(BaseModel):
-    """A quantity of the measurement against the calibration."""
-
-    relative_difference: float | None
-    standard_deviations: float | None
-
-
 @dataclass(frozen=True, slots=True)
 class Listed:
     """A measurement as a line of the list."""
@@ -101,7 +53,6 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
     status = on.trend.status(axis)
     overview, history = on.calibrations.overview(axis), on.history.of(axis)
     alarms = on.alarms.list(axis, None, None, _MOST_ALARMS)
-    last = Last.model_validate(status.last_measurement or {})
     active = next((row for row in overview.calibrations if row.id == overview.active), None)
     only: Only | None = query.only or None
     listed = on.trend.page(axis, query.listed, cursor=query.before, limit=_LISTED, newest_first=True, only=only)
@@ -109,7 +60,7 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
         "axis.html",
         axis=axis_out(status),
         standing=standing(facts_of(status, overview, alarms, history.alert)),
-        last=last,
+        last=status.last,
         history=history,
         rule=on.trend.paper_rule(axis),
         calibration=active,

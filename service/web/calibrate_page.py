@@ -153,7 +153,7 @@ def calibration_page(
         others=[row for row in overview.calibrations if row.id != calibration],
         readings=readings,
         charts=residual_charts(page.words, readings),
-        can_rejudge=bool(on.trend.status(axis).last_measurement),
+        can_rejudge=on.trend.status(axis).last_measurement is not None,
     )
 
 

@@ -7,10 +7,11 @@ from typing import Annotated, Final, Literal
 
 from fastapi import APIRouter, Query, Response
 from markupsafe import Markup
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
+from service.documents.stored_measurement import StoredMeasurement
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.monitoring.alarms import AlarmView
@@ -40,17 +41,6 @@ class FleetQuery(RequestModel):
     done: Annotated[str, Field(max_length=40)] = ""
 
 
-class _Last(BaseModel):
-    """What a fleet shows of the last measurement of an axis."""
-
-    started_at: datetime | None = None
-    preload_n: float | None = None
-    interval_95_n: tuple[float | None, float | None] | None = None
-    baseline_preload_n: float | None = None
-    reason: str | None = None
-    doubts: list[object] = []
-
-
 @dataclass(frozen=True, slots=True)
 class FleetAxis:
     """An axis as a line of the fleet."""
@@ -58,7 +48,7 @@ class FleetAxis:
     id: str
     name: str
     state: str
-    last: _Last
+    last: StoredMeasurement
     share: float | None  # of the preload that is its baseline [-]
     loss_per_day: float | None  # since the onset of the alarm that stands [N]
     open_alarms: int
@@ -131,7 +121,7 @@ def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, Al
     newest = on.trend.newest_preloads([status.row for status in statuses], _OF_A_SPARK)
     lines = []
     for status in statuses:
-        row, last = status.row, _Last.model_validate(status.last_measurement or {})
+        row, last = status.row, status.last
         view = alarms.get(row.id)
         alarm = None if view is None else open_alarm([view])
         share = per_day = None

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 from fastapi import APIRouter, Response
-from pydantic import BaseModel
 
 from monitor_core.arrays import FloatArray
 from monitor_core.modal import GateReading
@@ -18,12 +17,12 @@ from service.api.access import needs
 from service.api.services import Services, ServicesOf
 from service.api.trend import judgement_out
 from service.documents.said import N_
+from service.documents.stored_measurement import NOTHING_MEASURED, StoredMeasurement
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
 from service.operations.monitoring.evidence import Responses, evidence_of
 from service.operations.monitoring.trend import MeasurementView
 from service.report.line_chart import LOW_NARROW, LOW_WIDE, NARROW, WIDE, Curve, LineFrame, LinePicture, line_chart
-from service.web.axis import Last
 from service.web.shown import decimal
 from service.web.site import PageOf
 from service.web.trend_view import Charts
@@ -40,15 +39,6 @@ GATES: Final = {
     "uncertain-frequency": N_("uncertainty of the frequency"),
     "ambiguous-modes": N_("height of a second mode over that of the first"),
 }
-
-
-class _Said(BaseModel):
-    """What the page shows of a measurement besides what an axis shows of its last one."""
-
-    frequency_hz: float | None = None
-    calibration: int | None = None
-    warnings: list[str] = []
-    assumptions: list[str] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +67,7 @@ class Rung:
 def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: ServicesOf) -> Response:
     """Show why a measurement has its value."""
     view = on.trend.measurement(axis, measurement)
-    last, said = Last.model_validate(view.outcome or {}), _Said.model_validate(view.outcome or {})
+    measured = view.outcome or NOTHING_MEASURED
     evidence = evidence_of(on.database, on.waveforms, axis, view)
     found, ladder = evidence.responses(), evidence.ladder()
     before, following = evidence.neighbours()
@@ -85,13 +75,12 @@ def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: Service
         "measurement.html",
         axis=on.trend.status(axis).row,
         row=view.row,
-        last=last,
-        said_of_it=said,
-        gates=_gates(evidence.gates(), last),
-        advice=_advice(on, last),
+        measured=measured,
+        gates=_gates(evidence.gates(), measured),
+        advice=_advice(on, measured),
         ladder=ladder,
-        rungs=[] if ladder is None else _rungs(ladder, last.variance_shares),
-        pictures=response_pictures(page.words, found, said.frequency_hz),
+        rungs=[] if ladder is None else _rungs(ladder, measured.variance_shares),
+        pictures=response_pictures(page.words, found, measured.frequency_hz),
         windows=_windows(view),
         drawn=window_pictures(page.words, found.windows),
         let_go=view.let_go,
@@ -101,20 +90,20 @@ def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: Service
     )
 
 
-def _gates(readings: tuple[GateReading, ...], last: Last) -> list[GateLine]:
+def _gates(readings: tuple[GateReading, ...], measured: StoredMeasurement) -> list[GateLine]:
     """Return the gates, and the one that refused if none of these did."""
     lines = [
         GateLine(GATES[str(read.gate)], read.unit, read.value, read.lower, read.upper, read.passed) for read in readings
     ]
-    if last.refused and last.reason is not None and all(line.passed for line in lines):
-        lines.append(GateLine(last.reason, "", None, None, None, passed=False))
+    if measured.refused and measured.reason is not None and all(line.passed for line in lines):
+        lines.append(GateLine(measured.reason, "", None, None, None, passed=False))
     return lines
 
 
-def _advice(on: Services, last: Last) -> list[object]:
+def _advice(on: Services, measured: StoredMeasurement) -> list[object]:
     """Return what is known of a refusal, and of each doubt."""
-    asked = [on.advice.of("refusal", last.reason)] if last.refused and last.reason else []
-    asked += [on.advice.of("doubt", doubt.reason) for doubt in last.doubts]
+    asked = [on.advice.of("refusal", measured.reason)] if measured.refused and measured.reason else []
+    asked += [on.advice.of("doubt", doubt.reason) for doubt in measured.doubts]
     return [advice for advice in asked if advice is not None]
 
 

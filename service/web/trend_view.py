@@ -3,12 +3,11 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 from functools import partial
 from typing import Final
 
 from markupsafe import Markup
-from pydantic import BaseModel
 
 from service.documents.measurement import interval_of
 from service.documents.said import N_
@@ -47,19 +46,6 @@ MOST_SHOWN: Final = 120
 _ON_A_PHONE: Final = 70
 
 
-class _Baseline(BaseModel):
-    preload_n: float
-    prediction_interval_95_n: tuple[float, float]
-    ended_at: datetime
-
-
-class _Line(BaseModel):
-    started_at: datetime
-    ended_at: datetime
-    preload_at_end_n: float
-    slope_n_per_year: float
-
-
 @dataclass(frozen=True, slots=True)
 class Charts:
     """A picture twice: for wide pages and for phones."""
@@ -76,11 +62,10 @@ def preload_charts(
 
     ``level`` is drawn where the history holds no baseline of that time.
     """
-    baseline = None if history.baseline is None else _Baseline.model_validate(history.baseline)
     band = level
-    if baseline is not None:
-        lower, upper = baseline.prediction_interval_95_n
-        band = Band(baseline.preload_n, lower, upper, words(N_("baseline")))
+    if history.baseline is not None:
+        lower, upper = history.baseline.prediction_interval_95_n
+        band = Band(history.baseline.preload_n, lower, upper, words(N_("baseline")))
 
     def picture(chosen: Sequence[TrendPoint]) -> TrendPicture:
         marks = [_mark(words, axis_id, point) for point in chosen]
@@ -129,8 +114,7 @@ def lane_of(
             events.append(LaneEvent(cleared.at, "cleared", words(N_("cleared"))))
     events += [LaneEvent(row.at, "work", words(WORK[row.kind])) for row in history.events]
     if history.baseline is not None:
-        baseline = _Baseline.model_validate(history.baseline)
-        events.append(LaneEvent(baseline.ended_at, "learnt", words(N_("learnt"))))
+        events.append(LaneEvent(history.baseline.ended_at, "learnt", words(N_("learnt"))))
     return events
 
 
@@ -156,9 +140,9 @@ def _mark(words: Words, axis_id: str, point: TrendPoint) -> Mark:
 
 
 def _through(history: AxisHistory) -> Line | None:
-    if history.line is None:
+    line = history.line
+    if line is None:
         return None
-    line = _Line.model_validate(history.line)
     years = (line.ended_at - line.started_at) / timedelta(days=365.25)
     first = line.preload_at_end_n - line.slope_n_per_year * years
     return Line((line.started_at, first), (line.ended_at, line.preload_at_end_n))

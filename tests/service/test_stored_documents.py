@@ -93,6 +93,25 @@ def test_configuration_and_limits_are_healed_by_sending_them_again(api: Api) -> 
         assert stored(api.data_dir, column) == whole
 
 
+def test_a_member_of_a_measurement_that_cannot_be_read_is_missing_and_the_rest_is_read(api: Api) -> None:
+    api.register("axis")
+    api.calibrate("axis")
+    api.accept(*measured(api, "axis", 0))
+    whole = api.axis("axis")["last_measurement"]
+    broken = {"coherence": "high", "variance_shares": [1], "doubts": [{"reason": 3}], "of_a_later_program": {"a": 1}}
+    with closing(sqlite3.connect(api.data_dir / "preload.db")) as connection:
+        ((text,),) = connection.execute("SELECT outcome FROM measurement_documents").fetchall()
+        document = json.dumps(json.loads(text) | broken)
+        connection.execute("UPDATE measurement_documents SET outcome = ?", (document,))
+        connection.commit()
+    missing = {"coherence": None, "variance_shares": {}, "doubts": [], "of_a_later_program": {"a": 1}}
+    assert api.axis("axis")["last_measurement"] == whole | missing
+    number = whole["measurement_id"]
+    for page in ("/", "/axes/axis", f"/axes/axis/measurements/{number}", "/metrics"):
+        assert api.http.get(page).status_code == 200, page
+    assert api.http.get(f"/v1/axes/axis/measurements/{number}").json()["outcome"] == whole | missing
+
+
 def test_configuration_of_before_versions_were_stated_is_read(tmp_path: Path) -> None:
     with running_service(tmp_path) as api:
         api.register("broken")

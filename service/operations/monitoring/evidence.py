@@ -6,17 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from monitor_core.errors import MonitorCoreError
 from monitor_core.modal import GateReading, ModeReadings, averaged_response, gate_readings, read_gates
 from monitor_core.pipeline import MeasurementOutcome, judge_measurement, search_band, whole_band
 from monitor_core.preload import Calibration, PreloadLadder, expected_band, preload_ladder
-from monitor_core.recording import Conditions, Rejection, Window
+from monitor_core.recording import Rejection, Window
 from monitor_core.recordings.calibration_file import calibration_from_document
-from monitor_core.recordings.elements.units import metres
 from monitor_core.response import FrequencyResponse, ModalParameters
 from monitor_core.uncertainty import Estimate
+from service.documents.stored_measurement import NOTHING_MEASURED, StoredMeasurement
 from service.errors import LetGoError, WaveformDamagedError
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.chart_state import load_state
@@ -52,30 +51,6 @@ class OtherJudgement:
     outcome: MeasurementOutcome
 
 
-class _Said(BaseModel):
-    """What is read again of the outcome of a measurement."""
-
-    model_config = ConfigDict(frozen=True)
-
-    position_mm: float
-    payload_kg: float | None = None
-    temperature_c: float | None = None
-    frequency_hz: float | None = None
-    frequency_standard_uncertainty_hz: float | None = None
-    damping_ratio: float | None = None
-    residue_phase_rad: float | None = None
-    coherence: float | None = None
-    n_averages: float | None = None
-    n_modes: int = 1
-    preload_n: float | None = None
-    preload_feature_s2: float | None = None
-
-    @property
-    def conditions(self) -> Conditions:
-        """The conditions that the measurement states."""
-        return Conditions(metres(self.position_mm), self.payload_kg, self.temperature_c)
-
-
 def evidence_of(
     database: Database, waveforms: WaveformStore, axis_id: str, view: MeasurementView
 ) -> "MeasurementEvidence":
@@ -101,9 +76,9 @@ class MeasurementEvidence:
 
     def gates(self) -> tuple[GateReading, ...]:
         """Return what each gate read; none where no mode was found, or its waveforms are needed and not there."""
-        said = self._said
-        if said is not None and self.calibration is not None and said.n_modes == 1:
-            stored = _stored_gates(said, self.configuration, self.calibration)
+        outcome = self.view.outcome or NOTHING_MEASURED
+        if self.calibration is not None and outcome.n_modes == 1:
+            stored = _stored_gates(outcome, self.configuration, self.calibration)
             if stored is not None:
                 return stored
         if not self.windows:
@@ -114,16 +89,17 @@ class MeasurementEvidence:
             band=search_band(settings, calibration, self.windows[0]),
             gate=settings.mode,
             phase=None if calibration is None else calibration.phase_reference,
-            maximum_modes=2 if calibration is None else max(calibration.maximum_modes, said.n_modes if said else 1),
+            maximum_modes=2 if calibration is None else max(calibration.maximum_modes, outcome.n_modes),
         )
         return read.gates if isinstance(read, ModeReadings) else ()
 
     def ladder(self) -> PreloadLadder | None:
         """Return the terms between the frequency and the preload; None if there is no preload."""
-        said, calibration = self._said, self.calibration
-        if said is None or calibration is None or said.frequency_hz is None or said.preload_n is None:
+        outcome, calibration = self.view.outcome or NOTHING_MEASURED, self.calibration
+        frequency, conditions = outcome.frequency_hz, outcome.conditions
+        if calibration is None or frequency is None or conditions is None or outcome.preload_n is None:
             return None
-        return preload_ladder(said.frequency_hz, said.conditions, calibration, feature=said.preload_feature_s2)
+        return preload_ladder(frequency, conditions, calibration, feature=outcome.preload_feature_s2)
 
     def responses(self) -> Responses:
         """Return the whole response, and that of the baseline at the same place."""
@@ -169,10 +145,6 @@ class MeasurementEvidence:
         """The accepted windows; none where they were let go or are damaged."""
         return self._windows_of(self.view.row.id)
 
-    @cached_property
-    def _said(self) -> _Said | None:
-        return None if self.view.outcome is None else _Said.model_validate(self.view.outcome)
-
     def _windows_of(self, measurement_id: int) -> list[Window]:
         try:
             return accepted_windows(self._database, self._waveforms, measurement_id)
@@ -193,28 +165,29 @@ class MeasurementEvidence:
 
 
 def _stored_gates(
-    said: _Said, configuration: AxisConfiguration, calibration: Calibration
+    outcome: StoredMeasurement, configuration: AxisConfiguration, calibration: Calibration
 ) -> tuple[GateReading, ...] | None:
     """Return what the gates read by what is stored of a judged measurement; None if that does not tell."""
     if (
-        said.frequency_hz is None
-        or said.frequency_standard_uncertainty_hz is None
-        or said.damping_ratio is None
-        or said.residue_phase_rad is None
-        or said.coherence is None
-        or said.n_averages is None
+        outcome.conditions is None
+        or outcome.frequency_hz is None
+        or outcome.frequency_standard_uncertainty_hz is None
+        or outcome.damping_ratio is None
+        or outcome.residue_phase_rad is None
+        or outcome.coherence is None
+        or outcome.n_averages is None
     ):
         return None
-    frequency = Estimate(said.frequency_hz, said.frequency_standard_uncertainty_hz)
-    residue = cmath.rect(1.0, said.residue_phase_rad)  # of its size no gate asks, where there is one mode
-    mode = ModalParameters(frequency, Estimate(said.damping_ratio, 0.0), 0.0, residue)
+    frequency = Estimate(outcome.frequency_hz, outcome.frequency_standard_uncertainty_hz)
+    residue = cmath.rect(1.0, outcome.residue_phase_rad)  # of its size no gate asks, where there is one mode
+    mode = ModalParameters(frequency, Estimate(outcome.damping_ratio, 0.0), 0.0, residue)
     try:
-        band = expected_band(calibration, said.conditions)
+        band = expected_band(calibration, outcome.conditions)
     except MonitorCoreError:
         return None
     gate = core_settings(configuration).mode
     return gate_readings(
-        [mode], said.coherence, said.n_averages, band=band, gate=gate, phase=calibration.phase_reference
+        [mode], outcome.coherence, outcome.n_averages, band=band, gate=gate, phase=calibration.phase_reference
     )
 
 

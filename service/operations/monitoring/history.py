@@ -6,7 +6,6 @@ import numpy as np
 
 from monitor_core.preload import Calibration
 from monitor_core.trend import (
-    FEWEST_SESSIONS,
     ClosedSession,
     DetectorDesign,
     Prior,
@@ -16,13 +15,15 @@ from monitor_core.trend import (
     trend_line,
 )
 from service.documents.history import (
-    RateOfFalseAlarms,
-    alert_document,
-    baseline_document,
-    false_alarms_document,
-    line_document,
+    AlertView,
+    BaselineView,
+    FalseAlarmsView,
+    LineView,
+    alert_view,
+    baseline_view,
+    false_alarms_view,
+    line_view,
 )
-from service.json_types import JsonObject
 from service.operations.monitoring.intake.chart_state import load_design, load_state
 from service.store import axes, calibrations, maintenance
 from service.store.database import Database
@@ -42,10 +43,10 @@ _SEED = 20180301
 class AxisHistory:
     """What the history of an axis says; None where it says nothing yet."""
 
-    baseline: JsonObject | None
-    line: JsonObject | None
-    false_alarms: JsonObject | None
-    alert: JsonObject | None = None  # that stands
+    baseline: BaselineView | None
+    line: LineView | None
+    false_alarms: FalseAlarmsView | None
+    alert: AlertView | None = None  # that stands
     events: tuple[MaintenanceRow, ...] = ()  # what was done to it, in order of time
     stale: Stale | None = None  # it is about to be replaced
 
@@ -55,7 +56,7 @@ class History:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._said: dict[str, tuple[object, tuple[JsonObject | None, JsonObject]]] = {}
+        self._said: dict[str, tuple[object, tuple[LineView | None, FalseAlarmsView]]] = {}
 
     def of(self, axis_id: str) -> AxisHistory:
         """Return what is normal for an axis, the line through its trend, and its rate of false alarms."""
@@ -77,13 +78,13 @@ class History:
             known = key, _long_run(sessions, calibration, design, state.prior, row.epoch)
             self._said[axis_id] = known
         line, false_alarms = known[1]
-        alert = alert_document(state, calibration, design.settings.baseline_size)
-        return AxisHistory(baseline_document(state, calibration), line, false_alarms, alert, events, stale)
+        alert = alert_view(state, calibration, design.settings.baseline_size)
+        return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert, events, stale)
 
 
 def _long_run(
     sessions: list[SessionRecord], calibration: Calibration, design: DetectorDesign, prior: Prior | None, epoch: int
-) -> tuple[JsonObject | None, JsonObject]:
+) -> tuple[LineView | None, FalseAlarmsView]:
     line = trend_line([_session(record) for record in sessions], prior)
     # an alarm that was cleared was false; of one that stands nobody has said so yet
     healthy = healthy_sessions(
@@ -91,9 +92,9 @@ def _long_run(
         for record in sessions
         if not (record.alarmed and record.epoch == epoch)
     )
-    found = found_rate(healthy, design, np.random.default_rng(_SEED))
-    rate = RateOfFalseAlarms(design.settings.false_alarms_per_year, found, len(healthy), FEWEST_SESSIONS)
-    return None if line is None else line_document(line, calibration), false_alarms_document(rate)
+    rate = found_rate(healthy, design, np.random.default_rng(_SEED))
+    false_alarms = false_alarms_view(design.settings.false_alarms_per_year, rate, len(healthy))
+    return None if line is None else line_view(line, calibration), false_alarms
 
 
 def _session(record: SessionRecord) -> Session:

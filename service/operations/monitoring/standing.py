@@ -1,32 +1,16 @@
 """Gather what is known of an axis, for the sentence that says how it stands."""
 
 from collections.abc import Sequence
-from datetime import datetime
 
 from pydantic import BaseModel
 
-from service.documents.axis_sentence import Alert, AxisFacts, Cleared, OpenAlarm
+from service.documents.axis_sentence import AxisFacts, Cleared, OpenAlarm
+from service.documents.history import AlertView
 from service.documents.measurement import read_evidence
-from service.json_types import JsonObject
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.trend import AxisStatus
 from service.store import alarms as status_of
-
-
-class _Last(BaseModel):
-    """What is read again of the last measurement."""
-
-    started_at: datetime | None = None
-    preload_n: float | None = None
-    baseline_preload_n: float | None = None
-    reason: str | None = None
-
-
-class _Alert(BaseModel):
-    since: datetime
-    direction: str
-    mean_change_n: float
 
 
 class _Cause(BaseModel):
@@ -36,10 +20,10 @@ class _Cause(BaseModel):
 
 
 def facts_of(
-    status: AxisStatus, calibrations: CalibrationOverview, found: Sequence[AlarmView], alert: JsonObject | None
+    status: AxisStatus, calibrations: CalibrationOverview, found: Sequence[AlarmView], alert: AlertView | None
 ) -> AxisFacts:
     """Return what is known of an axis; its alarms come newest first."""
-    row, last = status.row, _Last.model_validate(status.last_measurement or {})
+    row, last = status.row, status.last
     return AxisFacts(
         state=row.state,
         is_silent=status.state != row.state,
@@ -52,7 +36,7 @@ def facts_of(
         preload=last.preload_n,
         baseline=last.baseline_preload_n,
         cleared=_cleared(status, calibrations, found),
-        alert=None if alert is None else _alert(alert),
+        alert=alert,
         alarm=open_alarm(found) if row.state == "alarm" else None,
     )
 
@@ -86,7 +70,3 @@ def _cleared(status: AxisStatus, calibrations: CalibrationOverview, found: Seque
         return None
     return Cleared(newest.at, newest.who, newest.reason)
 
-
-def _alert(document: JsonObject) -> Alert:
-    alert = _Alert.model_validate(document)
-    return Alert(alert.since, alert.direction == "rise", alert.mean_change_n)

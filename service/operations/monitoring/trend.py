@@ -15,7 +15,7 @@ from sqlalchemy import Connection
 
 from monitor_core.trend import paper_rule
 from service.clock import now, text_of
-from service.documents.measurement import with_trend
+from service.documents.stored_measurement import NOTHING_MEASURED, StoredMeasurement
 from service.errors import DocumentDamagedError, UnreadableBodyError
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
@@ -115,6 +115,16 @@ PAPER_READINGS = 20
 
 
 @dataclass(frozen=True, slots=True)
+class PaperRule:
+    """Intervals of the mean of the first measurements and of the latest [N], and whether they part."""
+
+    first_n: tuple[float, float]
+    latest_n: tuple[float, float]
+    n_latest: int
+    distinguished: bool
+
+
+@dataclass(frozen=True, slots=True)
 class PreloadLeft:
     """The share of the commissioned preload that is left, with its 95 % coverage interval; an open end is None."""
 
@@ -130,18 +140,24 @@ class AxisStatus:
     configuration: AxisConfiguration
     state: str
     since: datetime | None
-    last_measurement: JsonObject | None
+    last_measurement: StoredMeasurement | None
     open_alarms: int
     stale: Stale | None = None  # what it says is about to be replaced
 
     @property
+    def last(self) -> StoredMeasurement:
+        """What was said about the last measurement; nothing if there is none."""
+        return self.last_measurement or NOTHING_MEASURED
+
+    @property
     def preload_left(self) -> PreloadLeft | None:
         """What is left of the commissioned preload by the last measurement; None if either is not known."""
-        commissioned, said = self.configuration.commissioned_preload_n, self.last_measurement or {}
-        preload, interval = said.get("preload_n"), said.get("interval_95_n")
-        if commissioned is None or not isinstance(preload, float) or not isinstance(interval, list):
+        commissioned, preload, interval = (
+            self.configuration.commissioned_preload_n, self.last.preload_n, self.last.interval_95_n
+        )  # fmt: skip
+        if commissioned is None or preload is None or interval is None:
             return None
-        lower, upper = (end / commissioned if isinstance(end, float) else None for end in interval)
+        lower, upper = (None if end is None else end / commissioned for end in interval)
         return PreloadLeft(preload / commissioned, (lower, upper))
 
 
@@ -175,7 +191,7 @@ class MeasurementView:
     """One measurement with the evidence behind its value; of one that is open there is none yet."""
 
     row: MeasurementRow
-    outcome: JsonObject | None
+    outcome: StoredMeasurement | None
     response: JsonObject | None
     windows: list[WindowRow]
     let_go: LetGo | None  # None: all waveforms are stored
@@ -193,13 +209,13 @@ class Trend:
         """Tell how an axis stands; silence for too long is ``unknown``."""
         with self._database.read() as session:
             row, documents = axes.axis_with_documents(session, axis_id)
-            said, connection = None, session.connection()
+            last, connection = None, session.connection()
             if row.last_measurement_id is not None and row.last_measured_at is not None:
                 point = point_of(connection, row.number, row.last_measured_at, row.last_measurement_id)
-                said = outcomes_of(connection, [row.last_measurement_id]).get(row.last_measurement_id)
-                said = said if said is None or point is None else with_trend(said, point)
+                outcomes = outcomes_of(connection, [row.last_measurement_id])
+                last = StoredMeasurement.of(outcomes[row.last_measurement_id], point) if outcomes else None
             stale = stale_axes(session, axis_id).get(axis_id)
-            return self._status(row, documents, said, alarms.count_open(session, axis_id), stale)
+            return self._status(row, documents, last, alarms.count_open(session, axis_id), stale)
 
     def fleet(self, machine: str | None = None, *, archived: bool = False) -> Fleet:
         """Tell how every axis stands, or those of a machine; archived ones only where they are asked for.
@@ -211,12 +227,12 @@ class Trend:
             rows, n_open = axes.axes_with_documents(session), alarms.open_by_axis(session)
             stale = stale_axes(session)
             points = last_points(session.connection())
-            said = outcomes_of(session.connection(), [point.measurement_id for point in points.values()])
+            outcomes = outcomes_of(session.connection(), [point.measurement_id for point in points.values()])
         for row, documents in rows:
             if row.archived_at is not None and not archived:
                 continue
             point = points.get(row.number)
-            last = None if point is None else with_trend(said[point.measurement_id], point)
+            last = None if point is None else StoredMeasurement.of(outcomes[point.measurement_id], point)
             try:
                 status = self._status(row, documents, last, n_open.get(row.id, 0), stale.get(row.id))
                 statuses += [status] if machine in (None, status.configuration.machine) else []
@@ -239,7 +255,7 @@ class Trend:
                 self._newest[row.id] = row.revision, preloads
         return {row.id: self._newest[row.id][1] for row in rows}
 
-    def paper_rule(self, axis_id: str) -> JsonObject | None:
+    def paper_rule(self, axis_id: str) -> PaperRule | None:
         """Compare the first measurements since the charts began with the latest, as the paper does."""
         with self._database.read() as session:
             row, connection = axes.get_axis(session, axis_id), session.connection()
@@ -254,12 +270,12 @@ class Trend:
         if len(first) - len(baseline) < 2:
             return None
         rule = paper_rule(baseline, latest)
-        return {
-            "first_n": [rule.baseline.lower, rule.baseline.upper],
-            "latest_n": [rule.current.lower, rule.current.upper],
-            "n_latest": len(latest),
-            "distinguished": rule.distinguished,
-        }
+        return PaperRule(
+            (rule.baseline.lower, rule.baseline.upper),
+            (rule.current.lower, rule.current.upper),
+            len(latest),
+            rule.distinguished,
+        )
 
     def revision(self, axis_id: str) -> tuple[int, Stale | None]:
         """Return a number that changes whenever the trend of an axis does, and what is about to replace it."""
@@ -316,7 +332,7 @@ class Trend:
             number = axes.get_axis(session, axis_id).number
             document = session.get(MeasurementDocumentRow, measurement_id)
             point = point_of(connection, number, row.started_at, measurement_id)
-            outcome = None if document is None or point is None else with_trend(document.outcome, point)
+            outcome = None if document is None or point is None else StoredMeasurement.of(document.outcome, point)
             windows = measurements.windows_of(session, measurement_id)
             response = None if document is None else document.response
             gone = let_go(connection, [measurement_id]).get(measurement_id)
@@ -326,7 +342,7 @@ class Trend:
         self,
         row: AxisRow,
         documents: axes.Documents,
-        last_measurement: JsonObject | None,
+        last_measurement: StoredMeasurement | None,
         open_alarms: int,
         stale: Stale | None,
     ) -> AxisStatus:

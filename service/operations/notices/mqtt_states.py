@@ -35,21 +35,20 @@ def valid_until(status: AxisStatus) -> datetime | None:
 
 def state_document(status: AxisStatus) -> JsonObject:
     """Return what is told of an axis: its state, its newest preload, and how old they are."""
-    until, last = valid_until(status), status.last_measurement or {}
-    doubts = last.get("doubts")
+    until, last = valid_until(status), status.last
     return {
         "axis": status.row.id,
         "name": status.row.name,
         "state": status.state,
         "state_since": None if status.since is None else text_of(status.since),
         "valid_until": None if until is None else text_of(until),
-        "measured_at": last.get("started_at"),
-        "position_mm": last.get("position_mm"),
-        "preload_n": last.get("preload_n"),
-        "interval_95_n": last.get("interval_95_n"),
-        "interval_kind": last.get("interval_kind"),
-        "doubts": doubts if isinstance(doubts, list) else [],
-        "refused": last.get("reason"),
+        "measured_at": None if last.started_at is None else text_of(last.started_at),
+        "position_mm": last.position_mm,
+        "preload_n": last.preload_n,
+        "interval_95_n": last.interval_95_n,
+        "interval_kind": last.interval_kind,
+        "doubts": [doubt.model_dump() for doubt in last.doubts],
+        "refused": last.reason,
     }
 
 

@@ -14,7 +14,7 @@ from monitor_core.pipeline import check_window
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
 from service.clock import now, text_of
-from service.documents.measurement import with_trend
+from service.documents.stored_measurement import StoredMeasurement
 from service.errors import ConflictError, WaveformDamagedError
 from service.json_types import JsonObject
 from service.observability import Metrics
@@ -62,7 +62,7 @@ class IngestReceipt:
     """The answer to one request."""
 
     windows: tuple[WindowReceipt, ...]
-    measurements: tuple[JsonObject, ...]  # outcomes of those judged now, and of those posted again
+    measurements: tuple[StoredMeasurement, ...]  # outcomes of those judged now, and of those posted again
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +174,7 @@ class Batch:
 
     def receipt(self, post: Post, settled: Settled | None) -> IngestReceipt:
         """Return the answer to one of the requests; a window that stands in two is already there in the second."""
-        said = self._said_before | ({} if settled is None else settled.documents)
+        said = self._said_before | ({} if settled is None else settled.measurements)
         refusals = {item.window.started_at: item for item in self._admission.admitted}
         receipts = []
         for window in post.windows:
@@ -193,8 +193,8 @@ class Batch:
                 receipts.append(
                     WindowReceipt(window.started_at, window.measurement, WindowStatus.REFUSED, reason, detail)
                 )
-        in_time = sorted(said.items(), key=lambda named: str(named[1]["started_at"]))
-        return IngestReceipt(tuple(receipts), tuple(document for name, document in in_time if name in post.names))
+        named = [measured for name, measured in said.items() if name in post.names]
+        return IngestReceipt(tuple(receipts), tuple(sorted(named, key=lambda measured: str(measured.started_at))))
 
     def _add(self, post: Post) -> None:
         """Take the windows of a request that are not stored yet; the whole request is refused if one contradicts."""
@@ -274,14 +274,13 @@ class Batch:
         with reading(connection):
             return let_go(connection, judged)
 
-    def _outcomes(self, connection: Connection, rows: Iterable[MeasurementRecord]) -> dict[str, JsonObject]:
+    def _outcomes(self, connection: Connection, rows: Iterable[MeasurementRecord]) -> dict[str, StoredMeasurement]:
         """Return what was said about measurements that were judged before, by name."""
         judged = {row.id: row for row in rows if row.status != OPEN and row.id is not None}
         said = intake.outcomes_of(connection, list(judged)) if judged else {}
         points = {number: point_of(connection, self.axis.number, judged[number].started_at, number) for number in said}
         return {
-            judged[number].name: document if (point := points[number]) is None else with_trend(document, point)
-            for number, document in said.items()
+            judged[number].name: StoredMeasurement.of(document, points[number]) for number, document in said.items()
         }
 
     def _window_records(self, places: Sequence[WaveformPlace]) -> list[WindowRecord]:

@@ -190,7 +190,7 @@ class Ingest:
         for reason in settled.uncharted:
             self._metrics.uncharted.labels(reason).inc()
         self._metrics.alarms.labels(PRELOAD_LOSS).inc(settled.new_alarms)
-        if settled.documents and settled.state is TrendStatus.ALARM and batch.configuration.drive_model is not None:
+        if settled.measurements and settled.state is TrendStatus.ALARM and batch.configuration.drive_model is not None:
             self._follow_alarm(batch.axis.id)
 
 

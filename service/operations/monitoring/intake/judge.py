@@ -15,7 +15,8 @@ from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.trend import TrendStatus
 from service.clock import now
-from service.documents.measurement import finite_or_null, measurement_document, response_document, with_trend
+from service.documents.measurement import finite_or_null, measurement_document, response_document
+from service.documents.stored_measurement import StoredMeasurement
 from service.json_types import JsonObject
 from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
@@ -45,7 +46,7 @@ class Judged:
 class Settled:
     """What is said about measurements, and under which names it is counted."""
 
-    documents: dict[str, JsonObject]  # by name of the measurement
+    measurements: dict[str, StoredMeasurement]  # by name
     outcomes: tuple[str, ...]
     uncharted: tuple[str, ...]
     new_alarms: int
@@ -114,7 +115,7 @@ def settle(
     if judged or after != before:
         intake.save_charts(connection, axis, before, after)
     return Settled(
-        {point.name: with_trend(documents[number], point) for number, point in folded.points.items()},
+        {point.name: StoredMeasurement.of(documents[number], point) for number, point in folded.points.items()},
         tuple(point.refusal_reason or JUDGED for point in folded.points.values()),
         tuple(_reasons(folded.points.values()).elements()),
         new_alarms,

@@ -1,0 +1,140 @@
+"""Read back what was said about a measurement."""
+
+import math
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
+
+from monitor_core.preload import DoubtReason
+from monitor_core.recording import Conditions
+from monitor_core.recordings.elements.units import metres
+from service.documents.measurement import charted, interval_of, unexplained_of
+from service.json_types import JsonObject
+
+if TYPE_CHECKING:
+    from service.store.trend.points import TrendPoint
+
+
+class Doubt(BaseModel):
+    """What speaks against a preload."""
+
+    model_config = ConfigDict(frozen=True)
+
+    reason: str
+    detail: str
+
+
+class Compared(BaseModel):
+    """A quantity of a measurement against the calibration."""
+
+    model_config = ConfigDict(frozen=True)
+
+    relative_difference: float | None
+    standard_deviations: float | None
+
+
+class StoredMeasurement(BaseModel):
+    """What was said about a measurement, as :func:`~service.documents.measurement.measurement_document` laid it out.
+
+    A member that cannot be read is missing, and the rest is read; what nobody here reads goes on as it is.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    measurement_id: int | None = None
+    measurement: str | None = None
+    started_at: datetime | None = None
+    position_mm: float | None = None
+    frequency_hz: float | None = None
+    preload_n: float | None = None
+    interval_95_n: tuple[float | None, float | None] | None = None
+    calibration: int | None = None
+    refused: bool = False
+    reason: str | None = None  # of a refusal
+    detail: str | None = None
+    frequency_standard_uncertainty_hz: float | None = None
+    damping_ratio: float | None = None
+    residue_phase_rad: float | None = None
+    coherence: float | None = None
+    n_averages: float | None = None
+    n_modes: int = 1
+    warnings: tuple[str, ...] = ()
+    windows_dropped: int = 0
+    payload_kg: float | None = None
+    temperature_c: float | None = None
+    interval_kind: str | None = None
+    outside: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+    compared_with_calibration: dict[str, Compared] = {}
+    preload_feature_s2: float | None = None
+    preload_feature_standard_uncertainty_s2: float | None = None
+    variance_shares: dict[str, float] = {}
+    drag_torque_nm: float | None = None
+    baseline_preload_n: float | None = None
+
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _missing_if_unreadable(
+        cls, value: object, read: ValidatorFunctionWrapHandler, info: ValidationInfo
+    ) -> object:
+        try:
+            return read(value)
+        except ValidationError:
+            return cls.model_fields[str(info.field_name)].default
+
+    @classmethod
+    def of(cls, document: object, point: "TrendPoint | None" = None) -> "StoredMeasurement":
+        """Read a stored document, with what its point of the trend adds to it."""
+        measured = cls.model_validate(document if isinstance(document, dict) else {})
+        return measured if point is None else measured.model_copy(update=_added(measured, point))
+
+    def document(self) -> JsonObject:
+        """Return the members that are stated, for the wire."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+    @property
+    def conditions(self) -> Conditions | None:
+        """The conditions that the measurement states."""
+        if self.position_mm is None:
+            return None
+        return Conditions(metres(self.position_mm), self.payload_kg, self.temperature_c)
+
+    @property
+    def half_width_n(self) -> float | None:
+        """Half of the width of the interval; None if an end is open."""
+        lower, upper = self.interval_95_n or (None, None)
+        return None if lower is None or upper is None else (upper - lower) / 2.0
+
+
+#: Of an axis of which nothing was measured yet.
+NOTHING_MEASURED = StoredMeasurement()
+
+
+def _added(measured: StoredMeasurement, point: "TrendPoint") -> dict[str, object]:
+    """Return what the measurement did to the charts, and what its axis had learnt, which later arrivals may change."""
+    added: dict[str, object] = {"state": point.state, "charted": charted(point), "uncharted": point.uncharted}
+    if point.baseline_preload_n is not None:
+        added["baseline_preload_n"] = point.baseline_preload_n
+    if point.places_disagree is not None and "doubts" in measured.model_fields_set:
+        of_session = Doubt(reason=str(DoubtReason.PLACES_DISAGREE), detail=point.places_disagree)
+        added["doubts"] = (*measured.doubts, of_session)
+    own, shares = measured.preload_feature_standard_uncertainty_s2, measured.variance_shares
+    unexplained = unexplained_of(point)
+    if unexplained != 0.0 and own is not None and shares:
+        total = own**2 + unexplained**2
+        kept = {name: share * own**2 / total for name, share in shares.items()}
+        added |= {
+            "interval_95_n": interval_of(point),
+            "preload_feature_standard_uncertainty_s2": math.sqrt(total),
+            "variance_shares": kept | {"between_session": kept.get("between_session", 0.0) + unexplained**2 / total},
+        }
+    return added
