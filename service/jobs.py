@@ -5,8 +5,6 @@ owner is gone another takes it up, and a report of who has lost it is refused.
 """
 
 import logging
-import os
-import socket
 import threading
 import time
 import uuid
@@ -23,6 +21,7 @@ from service.errors import BusyError, ConflictError, ServiceError, StorageError
 from service.json_types import JsonObject
 from service.store import axes, jobs
 from service.store.database import Database
+from service.store.service_order import lease_owner
 from service.store.tables import JobRow
 
 log = logging.getLogger(__name__)
@@ -78,6 +77,10 @@ class JobHandle:
         """Report the total as done, and store more in the same transaction: what is stored returns the result."""
         self._store(total, total, store)
 
+    def conclude_within(self, session: Session, total: int, result: JsonObject) -> None:
+        """Report the total as done in the transaction of the work, which is open."""
+        self._store_within(session, total, total, lambda _: result)
+
     def sleep(self, seconds: float) -> None:
         """Wait."""
         due = time.monotonic() + seconds
@@ -93,9 +96,15 @@ class JobHandle:
         if self._runner.stopping.is_set():
             raise JobCancelledError
         with self._runner.database.write() as session:
-            row = jobs.locked_job(session, self.job_id)
-            _require_own(row, self._owner)
-            row.done, row.total, row.result, row.updated_at = done, total, store(session), now()
+            self._store_within(session, done, total, store)
+
+    def _store_within(
+        self, session: Session, done: int, total: int | None, store: Callable[[Session], JsonObject]
+    ) -> None:
+        row = jobs.locked_job(session, self.job_id)
+        _require_own(row, self._owner)
+        row.done, row.total, row.result, row.updated_at = done, total, store(session), now()
+        session.flush()
 
 
 #: Work of one kind; what came of it is in its last report.
@@ -218,7 +227,7 @@ class JobRunner:
         while not self.stopping.is_set():
             wake.clear()
             try:
-                owner = f"{socket.gethostname()[:40]}/{os.getpid()}/{uuid.uuid4().hex[:12]}"
+                owner = lease_owner()
                 with self.database.write() as session:
                     row = jobs.take_next(session, kind, owner, LEASE)
             except (BusyError, StorageError) as error:

@@ -49,7 +49,7 @@ def system_status(database: Database, metrics: Metrics, ingest: Ingest) -> Syste
     """Return how the service stands at this moment."""
     refused, uncharted = Counter[str](), Counter[str]()
     with database.read() as session:
-        rows = axes.list_axes(session)
+        rows = axes.counted(session)
         newest, n_open = measurements.newest_window(session), measurements.count_open(session)
     for row in rows:
         refused.update(row.refused_windows)

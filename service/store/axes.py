@@ -1,5 +1,6 @@
 """Query axes."""
 
+from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import Text, bindparam, cast, func, select
@@ -7,7 +8,8 @@ from sqlalchemy.orm import Session, defer
 
 from monitor_core.trend import TrendStatus
 from service.errors import UnknownResourceError
-from service.store.tables import AxisRow
+from service.json_types import JsonObject
+from service.store.tables import AxisRow, CountsByReason
 
 _AXIS = select(AxisRow).where(AxisRow.id == bindparam("axis_id"))
 #: What is stored of an axis as documents: its configuration, the state and the limits of its charts.
@@ -58,6 +60,31 @@ def axis_with_documents(session: Session, axis_id: str) -> tuple[AxisRow, Docume
 def axes_with_documents(session: Session) -> list[tuple[AxisRow, Documents]]:
     """Return all axes in order of name without their documents, and the texts of these: most are known already."""
     return [(row, tuple(texts)) for row, *texts in session.execute(_AS_TEXTS.order_by(AxisRow.id))]
+
+
+def is_empty(session: Session) -> bool:
+    """Tell whether no axis is registered."""
+    return session.scalar(select(AxisRow.id).limit(1)) is None
+
+
+@dataclass(frozen=True, slots=True)
+class CountedAxis:
+    """What is counted of an axis."""
+
+    archived_at: datetime | None
+    refused_windows: CountsByReason
+    uncharted: CountsByReason
+
+
+def counted(session: Session) -> list[CountedAxis]:
+    """Return what is counted of each axis."""
+    query = select(AxisRow.archived_at, AxisRow.refused_windows, AxisRow.uncharted)
+    return [CountedAxis(*row) for row in session.execute(query)]
+
+
+def configurations(session: Session) -> dict[str, JsonObject]:
+    """Return the configuration of each axis, as it is stored."""
+    return {row.id: row.configuration for row in session.execute(select(AxisRow.id, AxisRow.configuration))}
 
 
 def silences(session: Session) -> list[tuple[datetime, float]]:

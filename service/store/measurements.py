@@ -12,24 +12,19 @@ from service.errors import UnknownResourceError
 from service.json_types import JsonObject
 from service.store.intake import JUDGED, REFUSED
 from service.store.retention import require_stored
-from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
+from service.store.tables import PLACE, AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
 from service.store.trend.tables import TrendPointRow
 from service.store.waveforms import WaveformPlace
 
 #: Built once: to build it takes longer than to run it.
 _MEMBERS = (
-    select(
-        WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256,
-        WindowRow.refusal_reason.is_(None),
-    )
+    select(*PLACE, WindowRow.refusal_reason.is_(None))
     .where(
         WindowRow.measurement_id == bindparam("measurement_id"),
-        or_(
-            WindowRow.refusal_reason.is_(None), WindowRow.refusal_reason == str(RejectionReason.POSITION_MISMATCH)
-        ),
+        or_(WindowRow.refusal_reason.is_(None), WindowRow.refusal_reason == str(RejectionReason.POSITION_MISMATCH)),
     )
     .order_by(WindowRow.started_at)
-)  # fmt: skip
+)
 
 
 def get_measurement(session: Session, axis_id: str, measurement_id: int) -> MeasurementRow:

@@ -21,8 +21,8 @@ from sqlalchemy.orm import Session
 
 from service.json_types import JsonObject
 from service.store.intake import MeasurementRecord
-from service.store.jobs import CANCELLED, DONE, UNFINISHED, unfinished_jobs
-from service.store.tables import AxisRow, JobRow, MeasurementRow, RejudgedRow, WindowRow
+from service.store.jobs import UNFINISHED, unfinished_jobs
+from service.store.tables import PLACE, AxisRow, JobRow, MeasurementRow, RejudgedRow, WindowRow
 from service.store.trend.points import Cursor, Span
 from service.store.waveforms import WaveformPlace
 
@@ -103,8 +103,7 @@ def progress_of(connection: Connection, job_id: str, axis_id: str, span: Span) -
 
 def windows_with_places(connection: Connection, measurement_id: int) -> list[StoredWindow]:
     """Return the windows of a measurement, refused ones included, in time order."""
-    columns = (WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
-    query = select(*columns, WindowRow.started_at, WindowRow.refusal_reason, WindowRow.refusal_detail)
+    query = select(*PLACE, WindowRow.started_at, WindowRow.refusal_reason, WindowRow.refusal_detail)
     found = connection.execute(query.where(WindowRow.measurement_id == measurement_id).order_by(WindowRow.started_at))
     return [StoredWindow(WaveformPlace(*row[:4]), *row[4:]) for row in found]
 
@@ -136,18 +135,6 @@ def forget_staged(connection: Connection, job_id: str | None) -> None:
         connection.execute(delete(_STAGED).where(_STAGED.c.job_id.not_in(unfinished)))
     else:
         connection.execute(delete(_STAGED).where(_STAGED.c.job_id == job_id))
-
-
-def finish_job(connection: Connection, job_id: str, total: int, result: JsonObject, at: datetime) -> bool:
-    """Store that a job is done, in the transaction of its work; tell whether it may be: it may have been cancelled."""
-    own = update(_JOBS).where(_JOBS.c.id == job_id, _JOBS.c.status != CANCELLED)
-    done = own.values(status=DONE, done=total, total=total, result=result, updated_at=at)
-    return connection.execute(done).rowcount == 1
-
-
-def is_cancelled(connection: Connection, job_id: str) -> bool:
-    """Tell whether a job was cancelled."""
-    return connection.execute(select(_JOBS.c.status).where(_JOBS.c.id == job_id)).scalar() == CANCELLED
 
 
 def put_in_force(connection: Connection, axis_id: str, calibration_id: int) -> None:

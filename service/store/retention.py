@@ -12,7 +12,16 @@ from service.errors import LetGoError, UnknownResourceError
 from service.json_types import JsonObject
 from service.store.alarms import WITHDRAWN
 from service.store.intake import OPEN
-from service.store.tables import AlarmRow, AxisRow, MeasurementRow, PinRow, PurgeRow, UnsettledFileRow, WindowRow
+from service.store.tables import (
+    PLACE,
+    AlarmRow,
+    AxisRow,
+    MeasurementRow,
+    PinRow,
+    PurgeRow,
+    UnsettledFileRow,
+    WindowRow,
+)
 from service.store.waveforms import WaveformPlace
 
 #: One number for all who change what is kept; any that nothing else in this database takes.
@@ -68,10 +77,9 @@ def count_files(connection: Connection, before: str) -> int:
 
 def windows_in(connection: Connection, path: str) -> list[StoredWindow]:
     """Return the windows that a file holds, in its order."""
-    place = (WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
     query = (
         select(
-            WindowRow.id, *place, WindowRow.axis_id, MeasurementRow.id, MeasurementRow.started_at,
+            WindowRow.id, *PLACE, WindowRow.axis_id, MeasurementRow.id, MeasurementRow.started_at,
             MeasurementRow.set_preload_n.is_not(None), MeasurementRow.status == OPEN,
         )
         .join(MeasurementRow, MeasurementRow.id == WindowRow.measurement_id)
@@ -85,10 +93,10 @@ def windows_in(connection: Connection, path: str) -> list[StoredWindow]:
 
 
 def move_windows(connection: Connection, places: Mapping[int, WaveformPlace]) -> None:
-    """Say of windows, by their number, where they lie now."""
+    """Say of windows, by their number, where they lie now; not of those that were let go meanwhile."""
     for number, place in places.items():
         moved = {"file_path": place.path, "offset_in_file": place.offset, "index_in_frame": place.index}
-        connection.execute(update(WindowRow).where(WindowRow.id == number).values(moved))
+        connection.execute(update(WindowRow).where(WindowRow.id == number, WindowRow.let_go_by.is_(None)).values(moved))
 
 
 def let_windows_go(connection: Connection, purge_id: int, path: str) -> int:

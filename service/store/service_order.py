@@ -5,7 +5,10 @@ transaction: they end with it, and with the connection of a service that was kil
 one process has its file.
 """
 
+import os
+import socket
 import threading
+import uuid
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -93,6 +96,11 @@ def lock_free_axes(connection: Connection, axis_ids: Sequence[str]) -> list[str]
     hashes = {_hash(axis_id) for axis_id in axis_ids}
     taken = {row[0] for row in connection.execute(_TRY_AXES, {"hashes": sorted(hashes)}) if row[1]}
     return [axis_id for axis_id in axis_ids if _hash(axis_id) in taken]
+
+
+def lease_owner() -> str:
+    """Return a new name to hold leases by: host and process for who reads it, and what nobody else has."""
+    return f"{socket.gethostname()[:40]}/{os.getpid()}/{uuid.uuid4().hex[:12]}"
 
 
 def database_time(session: Session) -> datetime:

@@ -240,6 +240,10 @@ class WindowRow(Base):
     let_go_by: Mapped[int | None] = mapped_column(ForeignKey("purges.id"))  # None: its waveform is stored
 
 
+#: Where the waveform of a window lies, in the order of a WaveformPlace.
+PLACE = (WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
+
+
 class PurgeRow(Base):
     """A purge: by which rule it lets waveforms go, and what came of it, counted in the transactions that do it."""
 

@@ -146,10 +146,8 @@ class _Look:
         """Count the other axes of the machine."""
         machine = self.wanted.machine
         return sum(
-            row.id != self.row.id
-            and isinstance(row.configuration, dict)
-            and row.configuration.get("machine") == machine
-            for row in axes.list_axes(self.session)
+            axis_id != self.row.id and isinstance(configuration, dict) and configuration.get("machine") == machine
+            for axis_id, configuration in axes.configurations(self.session).items()
         )
 
     def _of_commissioned(self) -> Consequence:

@@ -12,7 +12,6 @@ from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from monitor_core.recordings.calibration_file import calibration_from_document
-from service.clock import now
 from service.errors import BusyError, InvalidRequestError
 from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.json_types import JsonObject
@@ -22,6 +21,7 @@ from service.operations.monitoring.rejudged_history import Anew, Column, Swapped
 from service.store import calibrations, intake, rejudged
 from service.store.axes import get_axis
 from service.store.database import Database, reading, trying, writing
+from service.store.jobs import CANCELLED, get_job
 from service.store.rejudged import KIND
 from service.store.tables import JobRow
 from service.store.trend.points import Cursor, Span
@@ -83,6 +83,8 @@ class Rejudgements:
 
     def run(self, job: JobHandle) -> None:
         """Judge what is left aside, then let it stand, or undo it where it is a dry run."""
+        if "new" in (job.result or {}):  # everything stands, only the end of the job was not stored
+            return
         asked = RejudgementIn.model_validate(job.arguments)
         with self._database.write() as session:
             rejudged.forget_staged(session.connection(), None)
@@ -160,10 +162,10 @@ class Rejudgements:
             "old": _COLUMN.dump_python(old, mode="json"),
             "new": _COLUMN.dump_python(new, mode="json"),
         }
-        if not rejudged.finish_job(connection, job.job_id, total, comparison, now()):
-            raise JobCancelledError
+        with Session(connection) as session:
+            job.conclude_within(session, total, comparison)
 
     def _forget_if_cancelled(self, job_id: str) -> None:
-        with self._database.connect() as connection, writing(connection):
-            if rejudged.is_cancelled(connection, job_id):
-                rejudged.forget_staged(connection, job_id)
+        with self._database.write() as session:
+            if get_job(session, job_id).status == CANCELLED:
+                rejudged.forget_staged(session.connection(), job_id)

@@ -5,10 +5,7 @@ another goes on, with the notice that it may have told already, under the same i
 """
 
 import logging
-import os
-import socket
 import threading
-import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -19,6 +16,7 @@ from service.observability import Metrics
 from service.operations.notices.senders import Notice, NotTakenError, Sender
 from service.store import notices
 from service.store.database import Database
+from service.store.service_order import lease_owner
 from service.store.tables import DeadLetterRow, ReceiverRow
 
 log = logging.getLogger(__name__)
@@ -51,7 +49,7 @@ class Dispatcher:
         self._database = database
         self._senders = senders
         self._metrics = metrics
-        self._owner = f"{socket.gethostname()[:40]}/{os.getpid()}/{uuid.uuid4().hex[:12]}"
+        self._owner = lease_owner()
         self._stopping = threading.Event()
         self._threads = [
             threading.Thread(target=self._serve, args=(sender,), name=f"receiver-{sender.name}", daemon=True)

@@ -9,12 +9,13 @@ from datetime import datetime
 from itertools import groupby
 from pathlib import Path
 
-from sqlalchemy import Connection, select, update
+from sqlalchemy import Connection, select
 
 from monitor_core.recording import Window
 from service.errors import WaveformDamagedError
 from service.store.database import reading, writing
-from service.store.tables import WindowRow
+from service.store.retention import move_windows
+from service.store.tables import PLACE, WindowRow
 from service.store.waveform_files import WaveformFiles
 from service.store.waveforms import WaveformPlace, WaveformStore
 
@@ -30,27 +31,20 @@ def heal(
     by_start = {window.started_at: window for window in windows}
     if not by_start:
         return set()
-    query = select(
-        WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256,
-        WindowRow.started_at,
-    ).where(
+    query = select(*PLACE, WindowRow.started_at, WindowRow.id).where(
         WindowRow.axis_id == axis_id, WindowRow.started_at.in_(list(by_start)), WindowRow.let_go_by.is_(None)
-    )  # fmt: skip
+    )
     with reading(connection):
-        rows = connection.execute(query).all()
-    start_of = {WaveformPlace(path, offset, index, sha256): start for path, offset, index, sha256, start in rows}
-    in_order = sorted(start_of, key=lambda place: (place.path, place.offset, place.index))
-    lost = sorted(start_of[damaged.place] for damaged in damaged_windows(waveforms.files, in_order))
+        stored = {WaveformPlace(*row[:4]): (row.started_at, row.id) for row in connection.execute(query)}
+    in_order = sorted(stored, key=lambda place: (place.path, place.offset, place.index))
+    lost = sorted(stored[damaged.place] for damaged in damaged_windows(waveforms.files, in_order))
     if lost:
-        with waveforms.begin_write(axis_id, [by_start[start] for start in lost], at) as frame:
+        with waveforms.begin_write(axis_id, [by_start[start] for start, _ in lost], at) as frame:
             places = frame.sync()
             with writing(connection):
-                for start, place in zip(lost, places, strict=True):
-                    row = (WindowRow.axis_id == axis_id, WindowRow.started_at == start, WindowRow.let_go_by.is_(None))
-                    moved = {"file_path": place.path, "offset_in_file": place.offset, "index_in_frame": place.index}
-                    connection.execute(update(WindowRow).where(*row).values(moved))
+                move_windows(connection, {number: place for (_, number), place in zip(lost, places, strict=True)})
                 frame.keep()
-    return set(lost)
+    return {start for start, _ in lost}
 
 
 @dataclass(frozen=True, slots=True)
