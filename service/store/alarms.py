@@ -1,6 +1,6 @@
 """Query alarms and their changes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 
 from sqlalchemy import ColumnElement, func, select
@@ -96,3 +96,11 @@ def events_of(session: Session, alarm_ids: Sequence[int]) -> dict[int, list[Alar
     for event in session.scalars(query):
         events[event.alarm_id].append(event)
     return events
+
+
+def date_back(session: Session, axis_id: str, done_at: Mapping[str, datetime]) -> None:
+    """Let alarms of an axis have been raised when they were measured, and people have acted at moments by status."""
+    for row in session.scalars(select(AlarmRow).where(AlarmRow.axis_id == axis_id)):
+        row.raised_at = row.measured_at
+        for event in session.scalars(select(AlarmEventRow).where(AlarmEventRow.alarm_id == row.id)):
+            event.at = row.measured_at if event.who is None else done_at.get(event.new_status, event.at)

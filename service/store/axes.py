@@ -1,4 +1,4 @@
-"""Query axes."""
+"""Query axes, and the log of what was done to them."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session, defer
 from monitor_core.trend import TrendStatus
 from service.errors import UnknownResourceError
 from service.json_types import JsonObject
-from service.store.tables import AxisRow, CountsByReason
+from service.store.tables import AxisRow, CountsByReason, MaintenanceRow
 
 _AXIS = select(AxisRow).where(AxisRow.id == bindparam("axis_id"))
 #: What is stored of an axis as documents: its configuration, the state and the limits of its charts.
@@ -110,3 +110,15 @@ def names(session: Session) -> dict[str, str]:
 def revisions(session: Session) -> dict[str, int]:
     """Return how often the row of each axis was changed."""
     return {row.id: row.revision for row in session.execute(select(AxisRow.id, AxisRow.revision))}
+
+
+def maintenance_log(session: Session, axis_id: str) -> list[MaintenanceRow]:
+    """Return all entries of an axis by when the work was done, corrected ones included."""
+    query = select(MaintenanceRow).where(MaintenanceRow.axis_id == axis_id)
+    return list(session.scalars(query.order_by(MaintenanceRow.at, MaintenanceRow.id)))
+
+
+def standing_entries(log: list[MaintenanceRow]) -> list[MaintenanceRow]:
+    """Return the entries of a log that no other one corrects."""
+    corrected = {row.corrects for row in log}
+    return [row for row in log if row.id not in corrected]

@@ -1,6 +1,8 @@
 """Query calibrations, and which was in force when."""
 
-from sqlalchemy import Connection, select
+from datetime import datetime
+
+from sqlalchemy import Connection, select, update
 from sqlalchemy.orm import Session
 
 from monitor_core.preload import Calibration
@@ -68,3 +70,9 @@ def list_activations(session: Session, axis_id: str) -> list[ActivationRow]:
     """Return the history of activations of an axis, newest first."""
     query = select(ActivationRow).where(ActivationRow.axis_id == axis_id).order_by(ActivationRow.id.desc())
     return list(session.scalars(query))
+
+
+def date_back(session: Session, axis_id: str, at: datetime) -> None:
+    """Let the calibrations of an axis have been fitted and activated at a moment."""
+    session.execute(update(CalibrationRow).where(CalibrationRow.axis_id == axis_id).values(created_at=at))
+    session.execute(update(ActivationRow).where(ActivationRow.axis_id == axis_id).values(activated_at=at))

@@ -25,7 +25,7 @@ from service.documents.history import (
     line_view,
 )
 from service.operations.monitoring.intake.chart_state import load_design, load_state
-from service.store import axes, calibrations, maintenance
+from service.store import axes, calibrations
 from service.store.database import Database
 from service.store.rejudged import Stale, stale_axes
 from service.store.tables import MaintenanceRow
@@ -63,7 +63,7 @@ class History:
         with self._database.read() as session:
             row = axes.get_axis(session, axis_id)
             calibration = calibrations.active_calibration(session, row)
-            events = tuple(maintenance.standing(maintenance.log_of(session, axis_id)))
+            events = tuple(axes.standing_entries(axes.maintenance_log(session, axis_id)))
             stale = stale_axes(session, axis_id).get(axis_id)
             if calibration is None or row.active_calibration_id is None:
                 return AxisHistory(None, None, None, events=events, stale=stale)

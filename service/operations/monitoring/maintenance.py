@@ -12,7 +12,7 @@ from service.errors import ConflictError, InvalidRequestError, UnknownResourceEr
 from service.operations.fields import Label, Moment, RequestModel, SetPreload
 from service.operations.monitoring.intake.admission import MOST_AHEAD
 from service.operations.monitoring.intake.epochs import begin_by_maintenance, take_back
-from service.store import intake, maintenance
+from service.store import axes, intake
 from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.tables import MaintenanceRow
@@ -61,7 +61,7 @@ def log_of(database: Database, axis_id: str) -> list[MaintenanceRow]:
     """Return all entries by when the work was done, corrected ones included."""
     with database.read() as session:
         get_axis(session, axis_id)
-        return maintenance.log_of(session, axis_id)
+        return axes.maintenance_log(session, axis_id)
 
 
 def enter(database: Database, axis_id: str, entry: MaintenanceIn) -> tuple[MaintenanceRow, bool]:
@@ -75,7 +75,7 @@ def enter(database: Database, axis_id: str, entry: MaintenanceIn) -> tuple[Maint
         raise InvalidRequestError(f"an entry says what was done, until now ({text_of(at)}); got {text_of(entry.at)}")
     with database.write(axis_id) as session:
         get_axis(session, axis_id)
-        log = maintenance.log_of(session, axis_id)
+        log = axes.maintenance_log(session, axis_id)
         same = [row for row in log if _said(row) == entry.model_dump()]
         if same:
             return same[-1], False
@@ -85,7 +85,7 @@ def enter(database: Database, axis_id: str, entry: MaintenanceIn) -> tuple[Maint
         session.add(row)
         session.flush()
         connection = session.connection()
-        before, after = _begins(maintenance.standing(log)), _begins(maintenance.standing([*log, row]))
+        before, after = _begins(axes.standing_entries(log)), _begins(axes.standing_entries([*log, row]))
         for moment in sorted(before ^ after):
             axis = intake.read_axis(connection, axis_id)
             epoch = EpochRecord(axis.number, moment, MAINTENANCE)

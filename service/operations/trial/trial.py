@@ -32,7 +32,7 @@ from service.operations.trial.story import (
     sister_story,
     story,
 )
-from service.store import alarms, backdating, jobs
+from service.store import alarms, calibrations, jobs
 from service.store.database import Database
 from service.store.tables import AxisRow, JobRow
 
@@ -156,7 +156,7 @@ class Trials:
             fitted = self._calibrations.fit_measurements(axis_id, (None, None), None, "of the trial")
             self._calibrations.activate(axis_id, fitted.id, "first calibration", expected_active=None)
         with self._database.write(axis_id) as session:
-            backdating.date_calibrations(session, axis_id, at)
+            calibrations.date_back(session, axis_id, at)
 
     def _lend_calibration(self, axis_id: str, sister_id: str, at: datetime) -> None:
         """Give the sister the calibration of the axis: both are built alike."""
@@ -166,7 +166,7 @@ class Trials:
             lent = self._calibrations.bring(sister_id, fitted.document, f"of {axis_id}, which is built alike")
             self._calibrations.activate(sister_id, lent.id, "lent by its sister", expected_active=None)
         with self._database.write(sister_id) as session:
-            backdating.date_calibrations(session, sister_id, at)
+            calibrations.date_back(session, sister_id, at)
 
     def _log(self, axis_id: str, at: datetime, kind: Work, note: str, set_preload_n: float | None) -> None:
         entry = MaintenanceIn(at=at, who=_FITTER, kind=kind, note=note, set_preload_n=set_preload_n)
@@ -181,4 +181,4 @@ class Trials:
             if deed in when
         }
         with self._database.write(axis_id) as session:
-            backdating.date_alarms(session, axis_id, done_at)
+            alarms.date_back(session, axis_id, done_at)

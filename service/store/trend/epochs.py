@@ -1,4 +1,4 @@
-"""Read and write the epochs of the charts: where they begin, by what, and how the charts stood there."""
+"""Read and write how the charts stood: where their epochs begin, and after some of the measurements since."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from sqlalchemy import Connection, delete, insert, select
 
 from service.json_types import JsonObject
-from service.store.trend.tables import ChartEpochRow
+from service.store.trend.tables import ChartCheckpointRow, ChartEpochRow
 
 CALIBRATION, INSPECTION, MAINTENANCE = "calibration", "inspection", "maintenance"
 #: By an older version of the program, which did not keep what it was begun by.
@@ -57,3 +57,50 @@ def forget_epoch(connection: Connection, epoch: EpochRecord) -> None:
             _EPOCHS.c.begun_by == epoch.begun_by,
         )
     )
+
+
+_CHECKPOINTS = ChartCheckpointRow.metadata.tables[ChartCheckpointRow.__tablename__]
+
+
+def checkpoint_before(
+    connection: Connection, axis_number: int, epoch: int, at: datetime
+) -> tuple[datetime, JsonObject] | None:
+    """Return the last checkpoint of an epoch before a moment, and when it was."""
+    query = (
+        select(_CHECKPOINTS.c.at, _CHECKPOINTS.c.state)
+        .where(_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch == epoch, _CHECKPOINTS.c.at < at)
+        .order_by(_CHECKPOINTS.c.at.desc())
+        .limit(1)
+    )
+    row = connection.execute(query).first()
+    return None if row is None else (row.at, row.state)
+
+
+def forget_checkpoints(connection: Connection, axis_number: int, epoch: int, after: datetime | None) -> None:
+    """Remove the checkpoints of an epoch after a moment, by default all: a late measurement changed what they hold."""
+    of_epoch = delete(_CHECKPOINTS).where(_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch == epoch)
+    connection.execute(of_epoch if after is None else of_epoch.where(_CHECKPOINTS.c.at > after))
+
+
+def forget_checkpoints_beyond(connection: Connection, axis_number: int, epoch: int) -> None:
+    """Remove the checkpoints of all epochs later than one."""
+    later = (_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch > epoch)
+    connection.execute(delete(_CHECKPOINTS).where(*later))
+
+
+def add_checkpoint(
+    connection: Connection, axis_number: int, epoch: int, at: datetime, state: JsonObject, *, most: int
+) -> datetime | None:
+    """Store a checkpoint and forget the oldest beyond so many.
+
+    Returned is when the oldest that is left was, if some were forgotten: before it the charts cannot be folded again.
+    """
+    connection.execute(insert(_CHECKPOINTS), {"axis_number": axis_number, "epoch": epoch, "at": at, "state": state})
+    of_axis = (_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch == epoch)
+    oldest = connection.execute(
+        select(_CHECKPOINTS.c.at).where(*of_axis).order_by(_CHECKPOINTS.c.at.desc()).limit(1).offset(most - 1)
+    ).scalar()
+    if oldest is None:
+        return None
+    forgotten = connection.execute(delete(_CHECKPOINTS).where(*of_axis, _CHECKPOINTS.c.at < oldest)).rowcount
+    return oldest if forgotten else None

@@ -1,66 +1,32 @@
-"""Read and write the points of the trend, in the order of their time.
+"""Read and write the points of the trend, in the order of their time."""
 
-Keep how the charts of an axis stood after some of its measurements, newest first, and no more than are needed.
-"""
-
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, func, insert, literal, select, tuple_, update
+from sqlalchemy import (
+    ARRAY,
+    BigInteger,
+    ColumnElement,
+    Connection,
+    and_,
+    any_,
+    bindparam,
+    delete,
+    func,
+    insert,
+    literal,
+    select,
+    tuple_,
+    type_coerce,
+    update,
+)
 
 from monitor_core.preload import DoubtReason
-from service.json_types import JsonObject
-from service.store.prepared import PreparedChange
+from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.tables import AxisRow
-from service.store.trend.moments import at_moments, named
-from service.store.trend.tables import ChartCheckpointRow, TrendPointRow
-
-_CHECKPOINTS = ChartCheckpointRow.metadata.tables[ChartCheckpointRow.__tablename__]
-
-
-def checkpoint_before(
-    connection: Connection, axis_number: int, epoch: int, at: datetime
-) -> tuple[datetime, JsonObject] | None:
-    """Return the last checkpoint of an epoch before a moment, and when it was."""
-    query = (
-        select(_CHECKPOINTS.c.at, _CHECKPOINTS.c.state)
-        .where(_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch == epoch, _CHECKPOINTS.c.at < at)
-        .order_by(_CHECKPOINTS.c.at.desc())
-        .limit(1)
-    )
-    row = connection.execute(query).first()
-    return None if row is None else (row.at, row.state)
-
-
-def forget_checkpoints(connection: Connection, axis_number: int, epoch: int, after: datetime | None) -> None:
-    """Remove the checkpoints of an epoch after a moment, by default all: a late measurement changed what they hold."""
-    of_epoch = delete(_CHECKPOINTS).where(_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch == epoch)
-    connection.execute(of_epoch if after is None else of_epoch.where(_CHECKPOINTS.c.at > after))
-
-
-def forget_checkpoints_beyond(connection: Connection, axis_number: int, epoch: int) -> None:
-    """Remove the checkpoints of all epochs later than one."""
-    later = (_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch > epoch)
-    connection.execute(delete(_CHECKPOINTS).where(*later))
-
-
-def add_checkpoint(
-    connection: Connection, axis_number: int, epoch: int, at: datetime, state: JsonObject, *, most: int
-) -> datetime | None:
-    """Store a checkpoint and forget the oldest beyond so many.
-
-    Returned is when the oldest that is left was, if some were forgotten: before it the charts cannot be folded again.
-    """
-    connection.execute(insert(_CHECKPOINTS), {"axis_number": axis_number, "epoch": epoch, "at": at, "state": state})
-    of_axis = (_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch == epoch)
-    oldest = connection.execute(
-        select(_CHECKPOINTS.c.at).where(*of_axis).order_by(_CHECKPOINTS.c.at.desc()).limit(1).offset(most - 1)
-    ).scalar()
-    if oldest is None:
-        return None
-    forgotten = connection.execute(delete(_CHECKPOINTS).where(*of_axis, _CHECKPOINTS.c.at < oldest)).rowcount
-    return oldest if forgotten else None
+from service.store.trend.tables import TrendPointRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +86,19 @@ _KEY = tuple_(_POINTS.c.at, _POINTS.c.measurement_id)
 TOO_LATE = "too-late"
 _IN_TIME = _POINTS.c.uncharted.is_distinct_from(TOO_LATE)
 _ADD = PreparedChange(insert(_POINTS), list(TrendPoint.__slots__))
-_AT_MOMENTS = at_moments(
+_OF_AXIS = (
     select(*_COLUMNS)
     .where(_POINTS.c.axis_number == bindparam("axis"))
-    .order_by(_POINTS.c.at, _POINTS.c.measurement_id),
-    _POINTS.c.at,
+    .order_by(_POINTS.c.at, _POINTS.c.measurement_id)
 )
+_MOMENT = type_coerce(_POINTS.c.at, BigInteger)
+#: One parameter for all moments, which SQLite takes as a text in JSON: with one each, to write them out takes longest.
+_AT_MOMENTS = {
+    "postgresql": PreparedSelect(_OF_AXIS.where(any_(bindparam("moments", type_=ARRAY(BigInteger))) == _MOMENT)),
+    "sqlite": PreparedSelect(
+        _OF_AXIS.where(_MOMENT.in_(select(func.json_each(bindparam("moments")).table_valued("value").c.value)))
+    ),
+}
 
 
 def add_point(connection: Connection, point: TrendPoint) -> None:
@@ -242,7 +215,8 @@ def count_uncharted(connection: Connection, axis_number: int) -> dict[str, int]:
 def points_at(connection: Connection, axis_number: int, moments: Iterable[int]) -> list[TrendPoint]:
     """Return the points at these moments, in microseconds since 1970, in time order."""
     database = connection.dialect.name
-    values: dict[str, object] = {"axis": axis_number, "moments": named(sorted(moments), database)}
+    listed = sorted(moments)
+    values: dict[str, object] = {"axis": axis_number, "moments": json.dumps(listed) if database == "sqlite" else listed}
     return [TrendPoint(*row) for row in _AT_MOMENTS[database].rows(connection, values)]
 
 

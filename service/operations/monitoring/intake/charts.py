@@ -28,17 +28,24 @@ from service.operations.monitoring.intake.chart_state import (
 )
 from service.store.calibrations import CalibrationsInForce
 from service.store.intake import AxisRecord, ChartsRecord
-from service.store.trend.epochs import BEGIN_OF_TIME, CALIBRATION, UNKNOWN, EpochRecord, epochs_of, save_epoch
+from service.store.trend.epochs import (
+    BEGIN_OF_TIME,
+    CALIBRATION,
+    UNKNOWN,
+    EpochRecord,
+    add_checkpoint,
+    checkpoint_before,
+    epochs_of,
+    forget_checkpoints,
+    forget_checkpoints_beyond,
+    save_epoch,
+)
 from service.store.trend.points import (
     TOO_LATE,
     Span,
     TrendPoint,
-    add_checkpoint,
     add_point,
-    checkpoint_before,
     first_of_epoch,
-    forget_checkpoints,
-    forget_checkpoints_beyond,
     newest_point,
     point_before,
     points_after,

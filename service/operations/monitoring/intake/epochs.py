@@ -25,10 +25,10 @@ from service.store.trend.epochs import (
     INSPECTION,
     EpochRecord,
     epochs_of,
+    forget_checkpoints,
     forget_epoch,
     save_epoch,
 )
-from service.store.trend.points import forget_checkpoints
 
 
 def begin_by_calibration(connection: Connection, axis_id: str, prior: Prior | None) -> None:
