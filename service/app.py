@@ -78,7 +78,7 @@ from service.operations.retention import Surveys, rule_of
 from service.operations.trial.trial import KIND as TRIAL
 from service.operations.trial.trial import Trials
 from service.settings import Settings
-from service.store.axes import is_empty
+from service.store.axes import counted
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
@@ -193,7 +193,7 @@ def open_database(settings: Settings) -> Database:
             require_database_of(settings.data_dir, empty=not database.file.path.exists())
         database.migrate()
         with database.read() as session:
-            require_database_of(settings.data_dir, empty=is_empty(session))
+            require_database_of(settings.data_dir, empty=not counted(session))
     except ServiceError:
         database.close()
         raise

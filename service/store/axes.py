@@ -62,11 +62,6 @@ def axes_with_documents(session: Session) -> list[tuple[AxisRow, Documents]]:
     return [(row, tuple(texts)) for row, *texts in session.execute(_AS_TEXTS.order_by(AxisRow.id))]
 
 
-def is_empty(session: Session) -> bool:
-    """Tell whether no axis is registered."""
-    return session.scalar(select(AxisRow.id).limit(1)) is None
-
-
 @dataclass(frozen=True, slots=True)
 class CountedAxis:
     """What is counted of an axis."""
