@@ -4,6 +4,7 @@ The form carries the settings as they were when it was shown. If somebody else c
 and the form is shown again with what was typed, and with what the other one changed.
 """
 
+import json
 from datetime import datetime
 from typing import Annotated
 
@@ -17,8 +18,9 @@ from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Label
 from service.operations.monitoring.axes import settings_tag
-from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.consequences import Change, changes_between, outlook_of
+from service.store.tables import AxisRow
 from service.web.forms import MomentText, moment_of, number_of
 from service.web.site import Page, PageOf, done
 
@@ -103,23 +105,28 @@ class ChangeForm(SettingsForm):
 @router.get("/axes/{axis}/settings", dependencies=[needs(Scope.TRENDS_READ)])
 def settings_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show the settings as they are."""
-    status = on.trend.status(axis)
-    return _form(axis, page, on, form_of(status.row.name, status.configuration))
+    row, configuration = _stored(axis, on)
+    return _form(axis, page, on, form_of(row.name, configuration))
+
+
+def _stored(axis: str, on: Services) -> tuple[AxisRow, AxisConfiguration]:
+    row = on.axes.get(axis)
+    return row, load_configuration(row.configuration)
 
 
 def _form(
     axis: str, page: Page, on: Services, form: SettingsForm, *,
     status: int = 200, refusal: str | None = None, theirs: tuple[Change, ...] = ()
 ) -> Response:  # fmt: skip
-    stored = on.trend.status(axis)
+    row, configuration = _stored(axis, on)
     return page.show(
         "axis_settings.html",
         status=status,
-        axis=stored.row,
+        axis=row,
         form=form,
-        tag=settings_tag(stored.row.name, stored.configuration),
-        was=stored.configuration.model_dump_json(exclude={"drive_model"}),
-        was_name=stored.row.name,
+        tag=settings_tag(row.name, configuration),
+        was=configuration.model_dump_json(exclude={"drive_model"}),
+        was_name=row.name,
         refusal=refusal,
         theirs=theirs,
     )
@@ -133,9 +140,10 @@ def review(axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: 
         outlook = outlook_of(on.database, axis, name, wanted)
     except (ValidationError, InvalidRequestError) as error:
         return _form(axis, page, on, form, status=422, refusal=_sentence(error))
-    if form.tag != _tag(axis, on):
+    row, configuration = _stored(axis, on)
+    if form.tag != settings_tag(row.name, configuration):
         return _conflict(axis, page, on, form)
-    return page.show("axis_settings_review.html", axis=on.axes.get(axis), form=form, outlook=outlook)
+    return page.show("axis_settings_review.html", axis=row, form=form, outlook=outlook)
 
 
 @router.post("/axes/{axis}/settings", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
@@ -153,35 +161,24 @@ def save(axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: Se
 
 def _wanted(axis: str, form: SettingsForm, on: Services) -> tuple[str, AxisConfiguration]:
     """Return name and configuration that are asked for; what the form does not hold stays as it is stored."""
-    stored, settings = on.trend.status(axis).configuration, form.settings()
-    if _minute(stored.commissioned_at) == form.moment:  # a form has no seconds
-        settings["commissioned_at"] = stored.model_dump(mode="json")["commissioned_at"]
-    return form.name, AxisConfiguration.model_validate_json(_json(stored, settings))
-
-
-def _minute(moment: datetime | None) -> datetime | None:
-    return None if moment is None else moment.replace(second=0, microsecond=0)
-
-
-def _json(stored: AxisConfiguration, settings: JsonObject) -> str:
-    return AxisConfiguration.model_construct(**{**dict(stored), **settings}).model_dump_json(warnings=False)
-
-
-def _tag(axis: str, on: Services) -> str:
-    stored = on.trend.status(axis)
-    return settings_tag(stored.row.name, stored.configuration)
+    (_, configuration), settings = _stored(axis, on), form.settings()
+    stored = configuration.model_dump(mode="json")
+    moment = configuration.commissioned_at
+    if moment is not None and moment.replace(second=0, microsecond=0) == form.moment:  # a form has no seconds
+        del settings["commissioned_at"]
+    return form.name, AxisConfiguration.model_validate_json(json.dumps(stored | settings))
 
 
 def _conflict(axis: str, page: Page, on: Services, form: ChangeForm) -> Response:
     """Show the form again, with what was typed, and what somebody else changed since it was first shown."""
-    now = on.trend.status(axis)
+    row, configuration = _stored(axis, on)
     try:
         before = AxisConfiguration.model_validate_json(form.was).model_copy(
-            update={"drive_model": now.configuration.drive_model}
+            update={"drive_model": configuration.drive_model}
         )
     except ValidationError as error:
         raise InvalidRequestError("the settings that the form was shown with cannot be read; open it again") from error
-    theirs = changes_between((form.was_name, before), (now.row.name, now.configuration))
+    theirs = changes_between((form.was_name, before), (row.name, configuration))
     return _form(axis, page, on, form, status=409, theirs=theirs)
 
 

@@ -1,11 +1,9 @@
 """``/axes/{axis}/calibrate``: guided calibration, fitted as a job; ``…/calibrations/{n}``: review, activate."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import APIRouter, Form, Query, Response
-from markupsafe import Markup
 from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.errors import MonitorCoreError
@@ -25,17 +23,16 @@ from service.operations.monitoring.rejudgements import RejudgementIn
 from service.report.calibration_charts import (
     NARROW,
     WIDE,
-    ChartSize,
     Curve,
     Spot,
     expected_chart,
     residual_chart,
     settings_chart,
 )
-from service.store.tables import CalibrationRow
-from service.web.shown import decimal, number
+from service.web.forms import decimal_point
+from service.web.shown import number
 from service.web.site import Page, PageOf, done
-from service.web.trend_view import Charts
+from service.web.trend_view import Charts, twice
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -51,7 +48,7 @@ class PlanForm(BaseModel):
 
     def asked(self) -> PlanIn:
         """Return what is asked for; raises InvalidRequestError where a number is none."""
-        typed = {name: text.strip().replace(",", ".") for name, text in self.model_dump().items()}
+        typed = {name: decimal_point(text) for name, text in self.model_dump().items()}
         try:
             return PlanIn.model_validate({name: float(text) for name, text in typed.items() if text})
         except ValueError as error:  # pydantic's refusals are such, too
@@ -140,20 +137,21 @@ def calibration_page(
     chosen, active = on.calibrations.get(axis, calibration)
     against = other or (active if active != calibration else None)
     rival = None if against is None else on.calibrations.get(axis, against)[0]
-    readings = on.calibration_jobs.readings_of(axis, calibration)
+    readings, row = on.calibration_jobs.readings_of(axis, calibration), on.axes.get(axis)
+    document = Document.model_validate(chosen.document)
     return page.show(
         "calibration.html",
-        axis=on.axes.get(axis),
+        axis=row,
         calibration=chosen,
-        document=Document.model_validate(chosen.document),
-        uncertainties=_uncertainties(chosen),
+        document=document,
+        uncertainties=_uncertainties(document),
         rival=rival,
         rival_document=None if rival is None else Document.model_validate(rival.document),
         active=active,
         others=[row for row in overview.calibrations if row.id != calibration],
         readings=readings,
         charts=residual_charts(page.words, readings),
-        can_rejudge=on.trend.status(axis).last_measurement is not None,
+        can_rejudge=row.last_measurement_id is not None,
     )
 
 
@@ -200,18 +198,13 @@ def _calibrate_page(
         calibrations=overview.calibrations,
         active=overview.active,
         activations=overview.activations,
-        documents=_documents(overview.calibrations),
+        documents={row.id: Document.model_validate(row.document) for row in overview.calibrations},
         refusal=refusal,
     )
 
 
-def _documents(rows: Sequence[CalibrationRow]) -> dict[int, Document]:
-    return {row.id: Document.model_validate(row.document) for row in rows}
-
-
-def _uncertainties(row: CalibrationRow) -> dict[str, float]:
+def _uncertainties(document: Document) -> dict[str, float]:
     """Return the standard uncertainties of the coefficients; they come first in the covariance."""
-    document = Document.model_validate(row.document)
     return {name: document.covariance[i][i] ** 0.5 for i, name in enumerate(document.coefficients)}
 
 
@@ -223,7 +216,7 @@ def expected_charts(words: Words, proposal: AxisProposal) -> Charts:
         mode.upper.tolist(), proposal.search_band_hz,
     )  # fmt: skip
     title = words(N_("Expected first axial frequency over the position of the table"))
-    return _both(words, lambda size, write: expected_chart(curve, size, title, write))
+    return twice(words, lambda size, write: expected_chart(curve, size, title, write), WIDE, NARROW)
 
 
 def settings_charts(words: Words, plan: AxisPlan) -> Charts:
@@ -241,7 +234,7 @@ def settings_charts(words: Words, plan: AxisPlan) -> Charts:
         Spot(to_millimetres(plan.plan.proposed.position), plan.plan.proposed.preload, "next", words(N_("next"))),
     ]
     title = words(N_("Settings of the calibration: preload over position"))
-    return _both(words, lambda size, write: settings_chart(spots, size, title, write))
+    return twice(words, lambda size, write: settings_chart(spots, size, title, write), WIDE, NARROW)
 
 
 def kind_of(status: str, frequency_hz: float | None) -> str:
@@ -259,15 +252,10 @@ def residual_charts(words: Words, readings: Sequence[FittedReading]) -> Charts |
         Spot(item.position_mm, item.residual_hz, "measured", f"{number(words, item.preload_n)} N") for item in readings
     ]
     title = words(N_("What is left of each reading about the fit, over the position"))
-    return _both(words, lambda size, write: residual_chart(spots, size, title, write))
+    return twice(words, lambda size, write: residual_chart(spots, size, title, write), WIDE, NARROW)
 
 
 def _words_of(words: Words, kind: str) -> str:
     return words(
         {"measured": N_("measured"), "waiting": N_("windows are awaited"), "refused": N_("no mode was found")}[kind]
     )
-
-
-def _both(words: Words, draw: Callable[[ChartSize, Callable[[str], str]], Markup]) -> Charts:
-    write = partial(decimal, words)
-    return Charts(draw(WIDE, write), draw(NARROW, write))

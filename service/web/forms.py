@@ -49,6 +49,11 @@ def moment_of(text: str, zone: str) -> datetime | None:
     return moment
 
 
+def decimal_point(text: str) -> str:
+    """Return a number that was typed with a decimal comma or point as it is read."""
+    return text.strip().replace(",", ".")
+
+
 def number_of(text: str, name: str) -> float | None:
     """Return a number with a decimal point or comma; None if it was left empty.
 
@@ -57,7 +62,7 @@ def number_of(text: str, name: str) -> float | None:
     if not text.strip():
         return None
     try:
-        return float(text.strip().replace(",", "."))
+        return float(decimal_point(text))
     except ValueError as error:
         raise InvalidRequestError(f"{name}: expected a number; got {text[:40]!r}") from error
 

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 from fastapi import APIRouter, Response
-from markupsafe import Markup
 
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
@@ -28,9 +27,8 @@ from service.report.trend_chart import LOW_NARROW, LOW_WIDE, Mark, TrendPicture,
 from service.report.waterfall import Response as DrawnResponse
 from service.report.waterfall import waterfall
 from service.store.trend.points import Span, TrendPoint
-from service.web.shown import decimal
 from service.web.site import PageOf
-from service.web.trend_view import Charts, or_nan
+from service.web.trend_view import Charts, or_nan, twice
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -93,14 +91,8 @@ def _waterfalls(words: Words, spectra: Sequence[Spectrum]) -> Charts:
         for spectrum in spectra
         if spectrum.point.frequency_hz is not None
     ]
-
-    def drawn(width: float) -> Markup:
-        return waterfall(
-            words(N_("Size of the response around the mode, newest at the top")), responses, width,
-            partial(decimal, words), axis_words=words(N_("frequency, Hz")),
-        )  # fmt: skip
-
-    return Charts(drawn(_WIDE), drawn(_NARROW))
+    title, axis_words = words(N_("Size of the response around the mode, newest at the top")), words(N_("frequency, Hz"))
+    return twice(words, partial(waterfall, title, responses, axis_words=axis_words), _WIDE, _NARROW)
 
 
 def _share(sister: Sister, own: str) -> ShareLine | None:
@@ -117,9 +109,7 @@ def _share(sister: Sister, own: str) -> ShareLine | None:
 
 def _sisters(words: Words, lines: Sequence[ShareLine]) -> Charts:
     title = words(N_("Share of the baseline preload, axes of one type"))
-
-    write = partial(decimal, words)
-    return Charts(sisters_chart(title, lines, LOW_WIDE, write), sisters_chart(title, lines, LOW_NARROW, write))
+    return twice(words, partial(sisters_chart, title, lines), LOW_WIDE, LOW_NARROW)
 
 
 def _projection(words: Words, axis: str, projected: ProjectedPreload, on: Services) -> Charts:
@@ -134,6 +124,4 @@ def _projection(words: Words, axis: str, projected: ProjectedPreload, on: Servic
     ]
     wedge = Wedge(projected.at, projected.preload_n, projected.lower_n, projected.upper_n)
     picture = TrendPicture(words(N_("Projection of the preload")), "N", start, projected.at[-1], marks, wedge=wedge)
-
-    write = partial(decimal, words)
-    return Charts(trend_chart(picture, LOW_WIDE, write), trend_chart(picture, LOW_NARROW, write))
+    return twice(words, partial(trend_chart, picture), LOW_WIDE, LOW_NARROW)

@@ -23,9 +23,8 @@ from service.operations.fields import AxisId, RowId
 from service.operations.monitoring.evidence import Responses, evidence_of
 from service.operations.monitoring.trend import MeasurementView
 from service.report.line_chart import LOW_NARROW, LOW_WIDE, NARROW, WIDE, Curve, LineFrame, LinePicture, line_chart
-from service.web.shown import decimal
 from service.web.site import PageOf
-from service.web.trend_view import Charts
+from service.web.trend_view import Charts, twice
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -73,7 +72,7 @@ def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: Service
     before, following = evidence.neighbours()
     return page.show(
         "measurement.html",
-        axis=on.trend.status(axis).row,
+        axis=on.axes.get(axis),
         row=view.row,
         measured=measured,
         gates=_gates(evidence.gates(), measured),
@@ -177,8 +176,8 @@ def response_pictures(words: Words, found: Responses, picked: float | None) -> R
     unit = _UNITS.get(measured.quantity, "")
 
     def draw(
-        title: str, y_unit: str, value: Callable[[FrequencyResponse], FloatArray | None], frames: Sequence[LineFrame],
-        *, logarithmic: bool = False, limits: tuple[float, float] | None = None,
+        title: str, y_unit: str, value: Callable[[FrequencyResponse], FloatArray | None],
+        frames: tuple[LineFrame, LineFrame], *, logarithmic: bool = False, limits: tuple[float, float] | None = None,
     ) -> Charts | None:  # fmt: skip
         curves = [
             Curve(response.frequency, values, style)
@@ -188,7 +187,7 @@ def response_pictures(words: Words, found: Responses, picked: float | None) -> R
         if not curves:
             return None
         picture = LinePicture(title, "Hz", y_unit, curves, found.band, picked, logarithmic, limits)
-        return _twice(words, picture, frames)
+        return twice(words, partial(line_chart, picture), *frames)
 
     magnitude = draw(
         words(N_("Size of the response over frequency")), unit, lambda r: np.abs(r.response), (WIDE, NARROW),
@@ -217,20 +216,12 @@ def window_pictures(words: Words, windows: Sequence[Window]) -> list[WindowPictu
             (words(N_("Acceleration over time")), "m/s²", window.response),
         )
         excitation, response = (
-            _twice(
-                words,
-                LinePicture(title, "s", y_unit, [Curve(seconds, np.asarray(samples, np.float64), "measured")]),
-                (LOW_WIDE, LOW_NARROW),
-            )
+            twice(words, partial(line_chart, LinePicture(title, "s", y_unit, [curve])), LOW_WIDE, LOW_NARROW)
             for title, y_unit, samples in channels
+            for curve in [Curve(seconds, np.asarray(samples, np.float64), "measured")]
         )
         drawn.append(WindowPicture(number, excitation, response, is_force))
     return drawn
-
-
-def _twice(words: Words, picture: LinePicture, frames: Sequence[LineFrame]) -> Charts:
-    wide, narrow = (line_chart(picture, frame, partial(decimal, words)) for frame in frames)
-    return Charts(wide, narrow)
 
 
 def _around(response: FrequencyResponse, low: float, high: float) -> FrequencyResponse:

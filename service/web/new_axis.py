@@ -16,6 +16,7 @@ from service.operations.calibrating.catalogue import AxisProposal, CatalogueIn, 
 from service.operations.fields import AxisName, Label
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.web.calibrate_page import expected_charts
+from service.web.forms import decimal_point
 from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)
@@ -43,7 +44,7 @@ class NewAxisForm(BaseModel):
     def catalogue(self) -> CatalogueIn:
         """Return the catalogue data; raises ValidationError."""
         typed = self.model_dump(exclude={"name", "machine"})
-        return CatalogueIn.model_validate({name: text.strip().replace(",", ".") for name, text in typed.items()})
+        return CatalogueIn.model_validate({name: decimal_point(text) for name, text in typed.items()})
 
 
 @router.get("/axes/new", dependencies=[needs(Scope.TRENDS_READ)])

@@ -1,8 +1,9 @@
 """How numbers, moments and ages are written in the language of a page: filters of the templates."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from typing import Any
 
 from babel.dates import format_timedelta
 from jinja2 import Environment, pass_context
@@ -95,66 +96,41 @@ def _said(words: Words, value: Value) -> str | Markup:
     if isinstance(value, datetime):
         return day(value)
     if isinstance(value, Stated):
-        return decimal(words, f"{value:.10g}")
+        return stated(words, value)
     if isinstance(value, float):
         value = number(words, value, 2)
     return escape(value)
 
 
-def shares(found: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return the shares of a variance, in words."""
-    return shares_in_words(found)
+def stated(words: Words, value: float) -> str:
+    """Show a number that somebody stated, with all its digits."""
+    return decimal(words, f"{value:.10g}")
 
 
 def install(environment: Environment) -> None:
     """Give the filters to templates; the words of the page are in what it is written from."""
 
-    def of(context: Context) -> Words:
-        found: Words = context["words"]
-        return found
+    def spoken(write: Callable[..., object]) -> Callable[..., object]:
+        @pass_context
+        def in_words_of_page(context: Context, *arguments: Any) -> object:  # noqa: ANN401 - whatever a filter takes
+            return write(context["words"], *arguments)
 
-    @pass_context
-    def number_filter(context: Context, value: float | None, digits: int = 3) -> str:
-        return number(of(context), value, digits)
+        return in_words_of_page
 
-    @pass_context
-    def stated_filter(context: Context, value: float) -> str:
-        return decimal(of(context), f"{value:.10g}")
+    def plural(words: Words, one_of_it: str, several: str, n: int) -> str:
+        return words.texts.ngettext(one_of_it, several, n)
 
-    @pass_context
-    def plain_filter(context: Context, value: float | None, digits: int = 3) -> str:
-        return plain(of(context), value, digits)
-
-    @pass_context
-    def interval_filter(context: Context, value: float | None, interval: Sequence[float | None] | None) -> object:
-        return with_interval(of(context), value, interval)
-
-    @pass_context
-    def age_filter(context: Context, value: datetime | str | None) -> object:
-        return age(of(context), value)
-
-    @pass_context
-    def say_filter(context: Context, said: Said | None) -> Markup:
-        return say(of(context), said)
-
-    @pass_context
-    def translated(context: Context, text: str) -> str:
-        return of(context)(text)
-
-    @pass_context
-    def translated_plural(context: Context, one_of_it: str, several: str, n: int) -> str:
-        return of(context).texts.ngettext(one_of_it, several, n)
-
+    translated = spoken(Words.__call__)
     environment.filters |= {
-        "number": number_filter,
-        "stated": stated_filter,
-        "plain": plain_filter,
-        "with_interval": interval_filter,
-        "age": age_filter,
-        "say": say_filter,
+        "number": spoken(number),
+        "stated": spoken(stated),
+        "plain": spoken(plain),
+        "with_interval": spoken(with_interval),
+        "age": spoken(age),
+        "say": spoken(say),
         "when": when,
         "day": day,
-        "shares": shares,
+        "shares": shares_in_words,
         "translated": translated,
     }
-    environment.install_gettext_callables(translated, translated_plural, newstyle=True)  # type: ignore[attr-defined]
+    environment.install_gettext_callables(translated, spoken(plural), newstyle=True)  # type: ignore[attr-defined]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
-from typing import Final
+from typing import Final, TypeVar
 
 from markupsafe import Markup
 
@@ -46,12 +46,21 @@ MOST_SHOWN: Final = 120
 _ON_A_PHONE: Final = 70
 
 
+Size = TypeVar("Size")
+
+
 @dataclass(frozen=True, slots=True)
 class Charts:
     """A picture twice: for wide pages and for phones."""
 
     wide: Markup
     narrow: Markup
+
+
+def twice(words: Words, draw: Callable[[Size, Callable[[str], str]], Markup], wide: Size, narrow: Size) -> Charts:
+    """Draw a picture in both sizes, its numbers as this language writes them."""
+    write = partial(decimal, words)
+    return Charts(draw(wide, write), draw(narrow, write))
 
 
 def preload_charts(
@@ -67,17 +76,14 @@ def preload_charts(
         lower, upper = history.baseline.prediction_interval_95_n
         band = Band(history.baseline.preload_n, lower, upper, words(N_("baseline")))
 
-    def picture(chosen: Sequence[TrendPoint]) -> TrendPicture:
+    def drawn(frame: Frame, write: Callable[[str], str]) -> Markup:
+        chosen = points if frame is WIDE else thinned(points, _ON_A_PHONE)
         marks = [_mark(words, axis_id, point) for point in chosen]
-        return TrendPicture(
-            words(N_("Preload over time")), "N", shown.start, shown.end, marks, events, band, _through(history)
-        )
+        title, through = words(N_("Preload over time")), _through(history)
+        picture = TrendPicture(title, "N", shown.start, shown.end, marks, events, band, through)
+        return trend_chart(picture, frame, write, linked=frame is WIDE)
 
-    write = partial(decimal, words)
-    return Charts(
-        trend_chart(picture(points), WIDE, write, linked=True),
-        trend_chart(picture(thinned(points, _ON_A_PHONE)), NARROW, write),
-    )
+    return twice(words, drawn, WIDE, NARROW)
 
 
 def low_charts(
@@ -86,16 +92,16 @@ def low_charts(
 ) -> Charts:  # fmt: skip
     """Draw another quantity of the same measurements, by its title and its unit."""
 
-    def drawn(chosen: Sequence[TrendPoint], frame: Frame) -> Markup:
-        marks = []
-        for point in chosen:
-            value = value_of(point)
-            kind = "refused" if point.refusal_reason else point.state
-            marks.append(Mark(point.at, math.nan if value is None else value, math.nan, math.nan, kind, ""))
-        picture = TrendPicture(*name, shown.start, shown.end, marks, events)
-        return trend_chart(picture, frame, partial(decimal, words))
+    def drawn(frame: Frame, write: Callable[[str], str]) -> Markup:
+        chosen = points if frame is LOW_WIDE else thinned(points, _ON_A_PHONE)
+        marks = [
+            Mark(point.at, or_nan(value_of(point)), math.nan, math.nan, kind, "")
+            for point in chosen
+            for kind in ["refused" if point.refusal_reason else point.state]
+        ]
+        return trend_chart(TrendPicture(*name, shown.start, shown.end, marks, events), frame, write)
 
-    return Charts(drawn(points, LOW_WIDE), drawn(thinned(points, _ON_A_PHONE), LOW_NARROW))
+    return twice(words, drawn, LOW_WIDE, LOW_NARROW)
 
 
 def lane_of(
