@@ -311,9 +311,12 @@ def _require_own(row: JobRow, owner: str) -> None:
 
 
 class Repeatedly:
-    """Does something at once and then after every pause. What fails is logged as waiting, and tried again."""
+    """Does something at once and then after every pause, without one as long as it returns that it did something.
 
-    def __init__(self, name: str, act: Callable[[], object], *, every_s: float, waits: str) -> None:
+    What fails is logged as waiting, and tried again.
+    """
+
+    def __init__(self, name: str, act: Callable[[], int | None], *, every_s: float, waits: str) -> None:
         self._act = act
         self._every_s = every_s
         self._waits = waits  # what waits where it fails
@@ -324,18 +327,20 @@ class Repeatedly:
         """Begin."""
         self._thread.start()
 
-    def close(self) -> None:
-        """Do it no more; what is under way is ended first."""
+    def close(self, within_s: float | None = None) -> None:
+        """Do it no more; what is under way is ended first, or left after so long."""
         self._stopping.set()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(within_s)
 
     def _serve(self) -> None:
         while not self._stopping.is_set():
+            n_done: int | None = 0
             try:
-                self._act()
+                n_done = self._act()
             except ServiceError as error:
                 log.warning("%s waits: %s", self._waits, error)
             except Exception:  # the edge of this thread, which must live on
                 log.exception("%s waits", self._waits)
-            self._stopping.wait(self._every_s)
+            if not n_done:
+                self._stopping.wait(self._every_s)

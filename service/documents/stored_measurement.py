@@ -83,9 +83,7 @@ class StoredMeasurement(BaseModel):
 
     @field_validator("*", mode="wrap")
     @classmethod
-    def _missing_if_unreadable(
-        cls, value: object, read: ValidatorFunctionWrapHandler, info: ValidationInfo
-    ) -> object:
+    def _missing_if_unreadable(cls, value: object, read: ValidatorFunctionWrapHandler, info: ValidationInfo) -> object:
         try:
             return read(value)
         except ValidationError:

@@ -69,4 +69,3 @@ def _cleared(status: AxisStatus, calibrations: CalibrationOverview, found: Seque
     if newest is None or (activated_at is not None and activated_at > newest.at):
         return None
     return Cleared(newest.at, newest.who, newest.reason)
-

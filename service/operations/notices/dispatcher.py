@@ -5,13 +5,14 @@ another goes on, with the notice that it may have told already, under the same i
 """
 
 import logging
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 
 from service.clock import now
 from service.errors import BusyError, StorageError
+from service.jobs import Repeatedly
 from service.observability import Metrics
 from service.operations.notices.senders import Notice, NotTakenError, Sender
 from service.store import notices
@@ -50,9 +51,13 @@ class Dispatcher:
         self._senders = senders
         self._metrics = metrics
         self._owner = lease_owner()
-        self._stopping = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._serve, args=(sender,), name=f"receiver-{sender.name}", daemon=True)
+        self._telling = [
+            Repeatedly(
+                f"receiver-{sender.name}",
+                partial(self.tell_next, sender),
+                every_s=POLL_S,
+                waits=f"receiver {sender.name}",
+            )
             for sender in senders
         ]
 
@@ -61,14 +66,13 @@ class Dispatcher:
         for sender in self._senders:
             with self._database.write() as session:
                 notices.receiver(session, sender.name, now())
-        for thread in self._threads:
-            thread.start()
+        for telling in self._telling:
+            telling.start()
 
     def close(self) -> None:
         """Stop; what was not taken is told at the next start."""
-        self._stopping.set()
-        for thread in self._threads:
-            thread.join(_PATIENCE_S)
+        for telling in self._telling:
+            telling.close(_PATIENCE_S)
         try:
             with self._database.write() as session:
                 for sender in self._senders:
@@ -133,19 +137,6 @@ class Dispatcher:
                 _move_on(row, notice, at)
         self._metrics.notices.labels(name, "given up" if given_up else "not taken").inc()
         log.warning("receiver %s did not take notice %d: %s", name, notice.number, error)
-
-    def _serve(self, sender: Sender) -> None:
-        while not self._stopping.is_set():
-            try:
-                told = self.tell_next(sender)
-            except (BusyError, StorageError) as error:
-                log.warning("receiver %s waits for the database: %s", sender.name, error)
-                told = False
-            except Exception:  # the edge of this thread: it must go on, whatever a receiver answers
-                log.exception("receiver %s failed", sender.name)
-                told = False
-            if not told:
-                self._stopping.wait(POLL_S)
 
 
 def _move_on(row: ReceiverRow, notice: Notice, at: datetime) -> None:

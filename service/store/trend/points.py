@@ -87,9 +87,7 @@ TOO_LATE = "too-late"
 _IN_TIME = _POINTS.c.uncharted.is_distinct_from(TOO_LATE)
 _ADD = PreparedChange(insert(_POINTS), list(TrendPoint.__slots__))
 _OF_AXIS = (
-    select(*_COLUMNS)
-    .where(_POINTS.c.axis_number == bindparam("axis"))
-    .order_by(_POINTS.c.at, _POINTS.c.measurement_id)
+    select(*_COLUMNS).where(_POINTS.c.axis_number == bindparam("axis")).order_by(_POINTS.c.at, _POINTS.c.measurement_id)
 )
 _MOMENT = type_coerce(_POINTS.c.at, BigInteger)
 #: One parameter for all moments, which SQLite takes as a text in JSON: with one each, to write them out takes longest.
