@@ -22,8 +22,9 @@ from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment, RequestModel, RowId
 from service.operations.monitoring.evidence import OtherJudgement, evidence_of
+from service.operations.monitoring.extremes import thin_out
 from service.operations.monitoring.long_run import projection_of
-from service.operations.monitoring.trend import Only, thin_out
+from service.operations.monitoring.trend import Only
 from service.store.rejudged import Stale
 from service.store.trend.points import Span, TrendPoint
 

@@ -26,9 +26,9 @@ from service.documents.measurement import AlarmEvidence, read_evidence
 from service.errors import ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
 from service.operations.monitoring.alarm_changes import store_explanation
+from service.operations.monitoring.axes import axis_drive
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
-    axis_drive,
     core_settings,
     load_configuration,
 )

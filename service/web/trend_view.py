@@ -13,8 +13,8 @@ from service.documents.measurement import interval_of
 from service.documents.said import N_
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
+from service.operations.monitoring.extremes import thin_out
 from service.operations.monitoring.history import AxisHistory
-from service.operations.monitoring.trend import thin_out
 from service.report.trend_chart import (
     LOW_NARROW,
     LOW_WIDE,

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import Connection, select, text
 
 from service.errors import StorageError
-from service.operations.monitoring.trend import extremes
+from service.operations.monitoring.extremes import extremes
 from service.store import intake
 from service.store.database import Database, reading, writing
 from service.store.intake import MeasurementRecord

@@ -1,14 +1,15 @@
-"""Registration of axes."""
+"""Register axes, change what is stated about them, and archive them."""
 
 import hashlib
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
+from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import DetectorDesign
 from service.clock import now
 from service.errors import ConflictError, DocumentDamagedError, PreconditionError
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
-    axis_drive,
     detector_design,
     detector_settings,
     dump_configuration,
@@ -18,6 +19,9 @@ from service.operations.monitoring.intake.chart_state import dump_design, load_d
 from service.store import axes
 from service.store.database import Database
 from service.store.tables import AxisRow
+
+if TYPE_CHECKING:
+    from monitor_core.fitting.axis import DescribedDrive
 
 
 def settings_tag(name: str, configuration: AxisConfiguration) -> str:
@@ -93,6 +97,24 @@ class Axes:
         """Return all axes."""
         with self._database.read() as session:
             return axes.list_axes(session)
+
+
+def axis_drive(text: str) -> "DescribedDrive":
+    """Return the drive that a model describes as TOML, which must be one whose nut follows its preload.
+
+    Raises RecordingFormatError or OutsideValidityError if it is no drive model, or has a nut of one rigidity: no change
+    of the preload could be thought of.
+    """
+    from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415  # many axes have none
+
+    description = parse_model(text, "drive_model")
+    drive = description.drive()
+    if not description.nut_follows_preload:
+        raise OutsideValidityError(
+            "drive_model: expected dynamic_load_rating_n in [parameters], by which the nut follows its preload; got "
+            "none"
+        )
+    return drive
 
 
 def _require_tag(axis_id: str, row: AxisRow | None, if_match: str | None) -> None:

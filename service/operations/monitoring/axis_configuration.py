@@ -1,7 +1,4 @@
-"""What an operator states about an axis, and the records of the core that it becomes.
-
-The drive model that the configuration of an axis may hold.
-"""
+"""What an operator states about an axis, and the records of the core that it becomes."""
 
 from datetime import timedelta
 from functools import lru_cache
@@ -9,34 +6,15 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
-from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
 from monitor_core.quality import QualityGate
 from monitor_core.recordings.elements.units import metres
-from monitor_core.recordings.model_file import parse_model
 from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
 from service.documents.stored import StoredRecord
 from service.json_types import Json, JsonObject
 from service.operations.fields import Label, Moment, Positive, SetPreload
-
-
-def axis_drive(text: str) -> DescribedDrive:
-    """Return the drive that a model describes as TOML, which must be one whose nut follows its preload.
-
-    Raises RecordingFormatError or OutsideValidityError if it is no drive model, or has a nut of one rigidity: no change
-    of the preload could be thought of.
-    """
-    description = parse_model(text, "drive_model")
-    drive = description.drive()
-    if not description.nut_follows_preload:
-        raise OutsideValidityError(
-            "drive_model: expected dynamic_load_rating_n in [parameters], by which the nut follows its preload; got "
-            "none"
-        )
-    return drive
 
 
 class AxisConfiguration(BaseModel):

@@ -13,8 +13,8 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.trend import project
 from service.documents.measurement import read_evidence
+from service.operations.monitoring.extremes import extremes
 from service.operations.monitoring.sisters import sisters_of
-from service.operations.monitoring.trend import extremes
 from service.store import alarms, axes, measurements
 from service.store.database import Database
 from service.store.trend.points import Span, TrendPoint, page_of_points

@@ -1,0 +1,79 @@
+"""Draw any span of a trend with a given number of points: long ones from what its hours and days hold."""
+
+from collections.abc import Sequence
+from datetime import timedelta
+from itertools import pairwise
+from operator import attrgetter
+
+from sqlalchemy import Connection
+
+from service.store.tables import microseconds_of
+from service.store.trend.points import Span, TrendPoint, page_of_points, points_at
+from service.store.trend.rollups import DAY, HOUR, Extremes, begin_of, extremes_held, number_held
+
+_LOWEST, _HIGHEST = attrgetter("lowest_n", "lowest_at"), attrgetter("highest_n")
+#: So many measurements, or hours, are read for each point that is wanted at most.
+READ_PER_POINT = 4
+
+
+def extremes(connection: Connection, axis_number: int, span: Span, resolution: int) -> list[TrendPoint]:
+    """Return the lowest and the highest preload of each of so many stretches of a span, in time order.
+
+    Extremes are kept because a reader looks for them; a mean would hide the low value that matters. A stretch without
+    a preload is shown by its first measurement.
+    """
+    n_measurements, n_hours = number_held(connection, axis_number, span)
+    most = READ_PER_POINT * resolution
+    if n_measurements <= most:
+        points = page_of_points(connection, axis_number, span, after=None, limit=most + 1, newest_first=False)
+        return thin_out(points, resolution)
+    units = [HOUR] if n_hours <= most else [DAY, HOUR]
+    held = _held(connection, axis_number, span, units)
+    return points_at(connection, axis_number, _extremes_of(held, max(resolution // 2, 1)))
+
+
+def thin_out(points: Sequence[TrendPoint], most: int) -> list[TrendPoint]:
+    """Keep so many points at most, as :func:`extremes` does."""
+    if len(points) <= most:
+        return list(points)
+    each = [_extremes_at(point) for point in points]
+    kept = _extremes_of(each, max(most // 2, 1))
+    return [point for point, alone in zip(points, each, strict=True) if alone.first_at in kept]
+
+
+def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[timedelta]) -> list[Extremes]:
+    """Return what a span holds: whole days and hours as they are summed up, measurements at its edges."""
+    if span.start is not None and span.end is not None and span.start >= span.end:
+        return []
+    if not units:
+        points = page_of_points(connection, axis_number, span, after=None, limit=10**6, newest_first=False)
+        return [_extremes_at(point) for point in points]
+    unit, smaller = units[0], units[1:]
+    begin = None if span.start is None else begin_of(span.start + unit - timedelta(microseconds=1), unit)
+    end = None if span.end is None else begin_of(span.end, unit)
+    if begin is not None and end is not None and begin >= end:
+        return _held(connection, axis_number, span, smaller)
+    before = [] if begin is None else _held(connection, axis_number, Span(span.start, begin), smaller)
+    after = [] if end is None else _held(connection, axis_number, Span(end, span.end), smaller)
+    return before + extremes_held(connection, axis_number, unit, Span(begin, end)) + after
+
+
+def _extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
+    """Return when the extremes of each of so many stretches were measured, alike in how much they hold [µs]."""
+    edges = [i * len(held) // n_stretches for i in range(n_stretches + 1)]
+    moments = set[int]()
+    for first, end in pairwise(edges):
+        stretch = held[first:end]
+        valued = [part for part in stretch if part.lowest_at is not None]
+        if valued:
+            found = min(valued, key=_LOWEST).lowest_at, max(valued, key=_HIGHEST).highest_at
+            moments.update(at for at in found if at is not None)
+        elif stretch:
+            moments.add(min(part.first_at for part in stretch))
+    return moments
+
+
+def _extremes_at(point: TrendPoint) -> Extremes:
+    at = microseconds_of(point.at)
+    valued = None if point.preload_n is None else at
+    return Extremes(at, point.preload_n, valued, point.preload_n, valued)
