@@ -4,14 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter
 
-from monitor_core.change import ChangeAttribution, TriedChange
 from service.clock import text_of
 from service.documents.measurement import finite_or_null
 from service.json_types import JsonObject
 from service.store.tables import MeasurementRow
+
+if TYPE_CHECKING:
+    from monitor_core.change import ChangeAttribution, TriedChange
 
 
 class NotExamined(StrEnum):
@@ -46,7 +49,7 @@ def refused_document(refusal: Exception, recent: Sequence[MeasurementRow]) -> Js
 
 
 def examined_document(
-    found: ChangeAttribution, at: datetime, reference: Sequence[MeasurementRow], recent: Sequence[MeasurementRow]
+    found: "ChangeAttribution", at: datetime, reference: Sequence[MeasurementRow], recent: Sequence[MeasurementRow]
 ) -> JsonObject:
     """Return what an alarm says of its cause, with all that was tried and what it rests on."""
     return finite_or_null({
@@ -88,7 +91,7 @@ def read_cause(document: JsonObject) -> StatedCause:
     return _CAUSE.validate_python(document)
 
 
-def _change(change: TriedChange) -> JsonObject:
+def _change(change: "TriedChange") -> JsonObject:
     return {
         "cause": str(change.cause),
         "effect": change.key,

@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import BaseModel
 
-from monitor_core.change import FEWEST_POSITIONS, ChangeAttribution, attribute_change, positions_of
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
-from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.measured_responses import measured_responses
 from monitor_core.modal import ModalMeasurement
 from monitor_core.recordings.elements.units import metres
 from service.clock import now
@@ -40,6 +38,10 @@ from service.store.database import Database
 from service.store.measurements import newest_monitored
 from service.store.tables import AlarmRow, JobRow, MeasurementRow
 from service.store.waveforms import WaveformStore
+
+if TYPE_CHECKING:
+    from monitor_core.change import ChangeAttribution
+    from monitor_core.fitting.observations import FrequencyResponseObservation
 
 log = logging.getLogger(__name__)
 
@@ -66,11 +68,18 @@ class _Case:
     reference: list[MeasurementRow]
     recent: list[MeasurementRow]
 
-    @property
-    def n_places(self) -> int:
-        """At how many places the recent measurements were made."""
+    def lacks(self) -> str | None:
+        """Return what the recent measurements lack, in a sentence; None if they were made at enough places."""
+        from monitor_core.change import FEWEST_POSITIONS, positions_of  # noqa: PLC0415  # few axes ever alarm
+
         positions = np.array([metres(row.position_mm) for row in self.recent])
-        return positions_of(positions).size if positions.size else 0
+        n_places = positions_of(positions).size if positions.size else 0
+        if n_places >= FEWEST_POSITIONS:
+            return None
+        return (
+            f"expected measurements at {FEWEST_POSITIONS} places or more since {self.evidence.onset.isoformat()}; got "
+            f"{n_places}"
+        )
 
     @property
     def settled(self) -> bool:
@@ -99,7 +108,7 @@ class AlarmExplanations:
             if waits or not newest or newest[0].status == alarms.CLEARED:
                 return
             case = self._case(newest[0].id)
-            if case.n_places >= FEWEST_POSITIONS and not case.settled:
+            if not case.settled and case.lacks() is None:
                 self._jobs.submit(KIND, axis_id, _Arguments(alarm=case.alarm.id).model_dump())
         except (ServiceError, MonitorCoreError) as error:
             log.warning("the alarm of axis '%s' waits for its explanation: %s", axis_id, error)
@@ -112,11 +121,8 @@ class AlarmExplanations:
         """
         case = self._case(alarm_id)
         axis_drive(_model(case.configuration))
-        if case.n_places < FEWEST_POSITIONS:
-            raise NotIdentifiableError(
-                f"expected measurements at {FEWEST_POSITIONS} places or more since {case.evidence.onset.isoformat()}; "
-                f"got {case.n_places}"
-            )
+        if (lack := case.lacks()) is not None:
+            raise NotIdentifiableError(lack)
         return self._jobs.submit(KIND, case.alarm.axis_id, _Arguments(alarm=alarm_id).model_dump())
 
     def run(self, job: JobHandle) -> None:
@@ -146,7 +152,7 @@ class AlarmExplanations:
                 newest_monitored(session, alarm.axis_id, evidence.onset, None, MOST_RECENT),
             )
 
-    def _explained(self, case: _Case, job: JobHandle) -> ChangeAttribution:
+    def _explained(self, case: _Case, job: JobHandle) -> "ChangeAttribution":
         job.say(0, 2, "measuring the responses")
         reference, recent = self._responses(case)
 
@@ -156,8 +162,10 @@ class AlarmExplanations:
         work = partial(_explain, _model(case.configuration), reference, recent, case.evidence.baseline_preload_n)
         return in_own_process(work, report, Progress(1, 2, "reading what was measured"))
 
-    def _responses(self, case: _Case) -> tuple[Sequence[FrequencyResponseObservation], ...]:
+    def _responses(self, case: _Case) -> "tuple[Sequence[FrequencyResponseObservation], ...]":
         """Measure both sides once more, on all lines: the antiresonance of the nut lies beside the mode."""
+        from monitor_core.measured_responses import measured_responses  # noqa: PLC0415  # as above
+
         settings = core_settings(case.configuration)
         reference, recent = (
             [
@@ -198,11 +206,13 @@ def _model(configuration: AxisConfiguration) -> str:
 
 def _explain(
     model: str,
-    reference: Sequence[FrequencyResponseObservation],
-    recent: Sequence[FrequencyResponseObservation],
+    reference: "Sequence[FrequencyResponseObservation]",
+    recent: "Sequence[FrequencyResponseObservation]",
     preload: float | None,
     report: Report,
-) -> ChangeAttribution:
+) -> "ChangeAttribution":
     """Work in the process of its own."""
+    from monitor_core.change import attribute_change  # noqa: PLC0415  # as above
+
     report(Progress(1, 2, "fitting the reference, then each change"))
     return attribute_change(axis_drive(model), reference, recent, preload=preload)

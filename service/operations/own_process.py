@@ -31,6 +31,7 @@ Report = Callable[[Progress], None]
 #: Where the work comes from. Processes are forked from one that has read this already: to read it takes two seconds, to
 #: fork next to nothing. That one computes nothing and has one thread: there is nothing in it that a fork could break.
 READ_BEFORE = [
+    "monitor_core.change",
     "service.operations.alarm_cause",
     "service.operations.discrepancy_job",
     "service.operations.identification_job",
