@@ -23,7 +23,6 @@ from service.clock import now
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.epochs import begin_by_calibration
-from service.operations.monitoring.sisters import prior_of_sisters
 from service.operations.monitoring.stored_modes import measured_modes
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
@@ -128,7 +127,7 @@ class Calibrations:
                 return
             axis.active_calibration_id = row.id
             session.flush()
-            begin_by_calibration(session.connection(), axis_id, prior_of_sisters(session, axis))
+            begin_by_calibration(session.connection(), axis_id)
             session.add(ActivationRow(axis_id=axis_id, calibration_id=row.id, activated_at=now(), reason=reason))
 
     def overview(self, axis_id: str) -> CalibrationOverview:

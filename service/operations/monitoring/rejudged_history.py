@@ -10,10 +10,9 @@ from pydantic import TypeAdapter
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
-from monitor_core.pipeline import AxisState, check_window
+from monitor_core.pipeline import check_window
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
-from monitor_core.trend import DetectorState
 from service.clock import now, text_of
 from service.documents.measurement import interval_of, measurement_document, response_document
 from service.errors import WaveformDamagedError
@@ -21,21 +20,17 @@ from service.json_types import JsonObject
 from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.intake.admission import at_its_position
-from service.operations.monitoring.intake.chart_state import dump_state
 from service.operations.monitoring.intake.charts import Uncharted, fold_from
+from service.operations.monitoring.intake.epochs import epoch_of_calibration
 from service.operations.monitoring.intake.judge import Judged, counted, judge, judged_point, stand
-from service.operations.monitoring.sisters import prior_of_sisters
 from service.store import alarms, intake, rejudged
-from service.store.axes import get_axis
 from service.store.intake import LONGEST_DETAIL, OPEN, AxisRecord, MeasurementRecord
 from service.store.rejudged import StagedRecord, StoredWindow
 from service.store.tables import ActivationRow
 from service.store.trend.epochs import (
     BEGIN_OF_TIME,
-    CALIBRATION,
     INSPECTION,
     MAINTENANCE,
-    EpochRecord,
     epochs_of,
     forget_epoch,
     save_epoch,
@@ -296,11 +291,7 @@ def _begin_epochs(connection: Connection, axis: AxisRecord, begin: datetime) -> 
         forget_epoch(connection, epoch)
         if epoch.begun_by in (INSPECTION, MAINTENANCE):
             save_epoch(connection, replace(epoch, epoch=None, state=None))
-    with Session(connection) as session:
-        prior = prior_of_sisters(session, get_axis(session, axis.id))
-    state = dump_state(AxisState(DetectorState(prior=prior)))
-    began = EpochRecord(axis.number, begin, CALIBRATION, calibration_id=axis.active_calibration_id, state=state)
-    save_epoch(connection, began)
+    save_epoch(connection, epoch_of_calibration(connection, axis, begin))
 
 
 def _note_activation(connection: Connection, axis_id: str, calibration_id: int, reason: str) -> None:

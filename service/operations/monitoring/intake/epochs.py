@@ -6,19 +6,21 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 from sqlalchemy import Connection
+from sqlalchemy.orm import Session
 
 from monitor_core.pipeline import AxisState
-from monitor_core.trend import DetectorState, Prior
+from monitor_core.trend import DetectorState, Prior, TrendStatus, prior_from
 from service.errors import DocumentDamagedError
 from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import detector_design, detector_settings, load_configuration
-from service.operations.monitoring.intake.chart_state import dump_design, dump_state, is_outdated
+from service.operations.monitoring.intake.chart_state import dump_design, dump_state, is_outdated, load_state
 from service.operations.monitoring.intake.charts import Folded, enter_epoch, fold_epoch, fold_from
 from service.store import intake
-from service.store.axes import list_axes
+from service.store.axes import get_axis, list_axes
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database, writing
 from service.store.intake import AxisRecord, ChartsRecord
+from service.store.tables import AxisRow
 from service.store.trend.epochs import (
     BEGIN_OF_TIME,
     CALIBRATION,
@@ -31,15 +33,38 @@ from service.store.trend.epochs import (
 )
 
 
-def begin_by_calibration(connection: Connection, axis_id: str, prior: Prior | None) -> None:
+def begin_by_calibration(connection: Connection, axis_id: str) -> None:
     """Begin with nothing learnt but what sisters lend: another calibration was put in force."""
     axis = intake.read_axis(connection, axis_id)
     charts = intake.read_charts(connection, axis)
+    _enter(connection, axis, charts, epoch_of_calibration(connection, axis, _after(charts)), "another calibration")
+
+
+def epoch_of_calibration(connection: Connection, axis: AxisRecord, begins_at: datetime) -> EpochRecord:
+    """Return the epoch that the calibration in force begins, with what sisters lend to it."""
+    with Session(connection) as session:
+        prior = prior_of_sisters(session, get_axis(session, axis.id))
     state = dump_state(AxisState(DetectorState(prior=prior)))
-    epoch = EpochRecord(
-        axis.number, _after(charts), CALIBRATION, calibration_id=axis.active_calibration_id, state=state
-    )
-    _enter(connection, axis, charts, epoch, "another calibration")
+    return EpochRecord(axis.number, begins_at, CALIBRATION, calibration_id=axis.active_calibration_id, state=state)
+
+
+def prior_of_sisters(session: Session, axis: AxisRow) -> Prior | None:
+    """Return what the healthy axes of the same stated type teach now; None without any."""
+    axis_type = load_configuration(axis.configuration).axis_type
+    if axis_type is None:
+        return None
+    learnt = []
+    for sister in list_axes(session):
+        if sister.id == axis.id or sister.state != TrendStatus.NORMAL:
+            continue
+        try:
+            same = load_configuration(sister.configuration).axis_type == axis_type
+            belief = load_state(sister.monitor_state).detector.learnt if same else None
+        except DocumentDamagedError:  # it is told of on its own page, and keeps nobody else from learning
+            continue
+        if belief is not None:
+            learnt.append(belief)
+    return prior_from(learnt) if learnt else None
 
 
 def begin_by_inspection(connection: Connection, axis_id: str) -> None:
@@ -58,8 +83,7 @@ def take_back(connection: Connection, axis: AxisRecord, epoch: EpochRecord) -> N
     """Go on at a moment as if no epoch began there."""
     forget_epoch(connection, epoch)
     before = intake.read_charts(connection, axis)
-    calibration = CalibrationsInForce().of(connection, axis)
-    folded = fold_from(connection, axis, before, epoch.begins_at, calibration)
+    folded = fold_from(connection, axis, before, epoch.begins_at, CalibrationsInForce().of(connection, axis))
     keep(connection, axis, before, folded, MAINTAINED)
 
 
