@@ -216,7 +216,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     identifications = AnalysisJob(IdentificationIn, database, waveforms, reports, runner)
     discrepancies = AnalysisJob(DiscrepancyIn, database, waveforms, reports, runner)
     rule = rule_of(settings)
-    purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
+    purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir))
     rejudgements = Rejudgements(database, waveforms, runner)
     axes, calibrations = Axes(database), Calibrations(database, waveforms)
     alarms = Alarms(database)

@@ -17,8 +17,7 @@ from service.operations.fields import AxisId, Label, RequestModel
 from service.operations.monitoring.axes import settings_tag
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.consequences import outlook_of
-from service.operations.monitoring.machines import machines_of
-from service.operations.monitoring.trend import AxisStatus
+from service.operations.monitoring.trend import AxisStatus, machines_of
 from service.store.rejudged import Stale
 
 router = APIRouter(prefix="/v1", tags=["axes"])

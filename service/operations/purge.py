@@ -64,11 +64,11 @@ class Purge:
         self.data_dir = data_dir
         self._database = database
         self._waveforms = waveforms
-        self._rule = rule
+        self.rule = rule
 
     def begin(self, session: Session, who: str, at: datetime) -> PurgeRow:
         """Store a purge that is about to begin, with its entry of the log; raises ConflictError if there is no rule."""
-        days, before = self._rule.keep_raw_days, self._rule.lets_go_before(at)
+        days, before = self.rule.keep_raw_days, self.rule.lets_go_before(at)
         if days is None or before is None:
             raise ConflictError("no rule is set (PRELOAD_KEEP_RAW_DAYS): every waveform is kept for ever")
         entry = AuditRow(at=at, who=who[:120], action=f"purge by the rule of {days} days", target="/v1/retention")
@@ -91,7 +91,7 @@ class Purge:
         with self._database.read() as session:
             purge = retention.get_purge(session, purge_id)
         before = folder_of_day(purge.lets_go_before)
-        if self._rule.keep_raw_days == purge.keep_raw_days:
+        if self.rule.keep_raw_days == purge.keep_raw_days:
             self._settle(wait)
             with self._database.connect() as connection, reading(connection):
                 total = retention.count_files(connection, before)
@@ -151,7 +151,7 @@ class Purge:
         for path in paths:
             windows = retention.windows_in(connection, path)
             for axis_id in {window.axis_id for window in windows} - holds.keys():
-                holds[axis_id] = holds_of(connection, axis_id, self._rule)
+                holds[axis_id] = holds_of(connection, axis_id, self.rule)
             kept = [window for window in windows if holds[window.axis_id].why(window) is not None]
             plans.append(_Plan(path, kept, len(windows) - len(kept)))
         return plans
@@ -215,17 +215,16 @@ class _Arguments(BaseModel):
 class Purges:
     """Begins purges and runs them in the background."""
 
-    def __init__(self, database: Database, runner: JobRunner, purge: Purge, rule: Rule) -> None:
+    def __init__(self, database: Database, runner: JobRunner, purge: Purge) -> None:
         self._database = database
         self._jobs = runner
         self._purge = purge
-        self._rule = rule
         self._looking = Repeatedly("purges", self.begin_if_due, every_s=LOOKED_EVERY_S, waits="today's purge")
 
     def start(self) -> None:
         """Remove what a crash left over, and begin a purge a day; jobs are resumed after this."""
         self._purge.settle()
-        if self._rule.keep_raw_days is not None:
+        if self._purge.rule.keep_raw_days is not None:
             self._looking.start()
 
     def close(self) -> None:
@@ -239,7 +238,7 @@ class Purges:
         return unfinished[0] if unfinished else self._jobs.submit(KIND, None, {}, partial(self._stored, who))
 
     def run(self, job: JobHandle) -> None:
-        """Purge; what was let go is let go if it was interrupted, and the rest follows."""
+        """Delete waveforms that the rule no longer keeps; a restart resumes an interrupted purge."""
         purge_id = _Arguments.model_validate(job.arguments).purge
         examined = 0
 
@@ -255,7 +254,7 @@ class Purges:
     def begin_if_due(self) -> None:
         """Begin today's purge unless it has begun, or there is nothing old enough."""
         at = now()
-        before = self._rule.lets_go_before(at)
+        before = self._purge.rule.lets_go_before(at)
         if before is None:
             return
         with self._database.read() as session:

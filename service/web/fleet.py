@@ -15,9 +15,8 @@ from service.documents.stored_measurement import StoredMeasurement
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.monitoring.alarms import AlarmView
-from service.operations.monitoring.machines import SEVERITY
 from service.operations.monitoring.standing import open_alarm
-from service.operations.monitoring.trend import AxisStatus
+from service.operations.monitoring.trend import SEVERITY, AxisStatus
 from service.operations.trial.story import EVERY, N_MEASUREMENTS, N_WINDOWS
 from service.operations.trial.trial import TRIAL_MACHINE
 from service.report.trend_chart import sparkline

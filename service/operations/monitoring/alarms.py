@@ -1,6 +1,7 @@
 """Alarms: raised by a measurement, acknowledged and cleared by people; every change is kept."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
@@ -95,8 +96,7 @@ class Alarms:
 
         ``seen`` is the newest event of people that the caller knows of: a later one is a conflict.
         """
-        with self._database.write(self.get(alarm_id).row.axis_id) as session:
-            row = self._unchanged(session, alarm_id, seen)
+        with self._changing(alarm_id, seen) as (session, row):
             if row.status != alarms.ACTIVE:
                 raise ConflictError(f"only an active alarm can be acknowledged; alarm {alarm_id} is {row.status}")
             change_alarm(session, row, alarms.ACKNOWLEDGED, comment, who)
@@ -104,8 +104,8 @@ class Alarms:
 
     def comment(self, alarm_id: int, comment: str, who: str) -> AlarmView:
         """Keep what somebody says of an alarm, open or not."""
-        with self._database.write(self.get(alarm_id).row.axis_id) as session:
-            comment_on_alarm(session, alarms.get_alarm(session, alarm_id), comment, who)
+        with self._changing(alarm_id, None) as (session, row):
+            comment_on_alarm(session, row, comment, who)
         return self.get(alarm_id)
 
     def shelve(self, alarm_id: int, until: datetime, comment: str, who: str, *, seen: int | None = None) -> AlarmView:
@@ -117,8 +117,7 @@ class Alarms:
             raise InvalidRequestError(
                 f"an alarm is shelved until a moment within the next {LONGEST_SHELF.days} days; got {until.isoformat()}"
             )
-        with self._database.write(self.get(alarm_id).row.axis_id) as session:
-            row = self._unchanged(session, alarm_id, seen)
+        with self._changing(alarm_id, seen) as (session, row):
             if row.status not in alarms.OPEN:
                 raise ConflictError(f"only an open alarm can be shelved; alarm {alarm_id} is {row.status}")
             shelve_alarm(session, row, until, comment, who)
@@ -130,30 +129,29 @@ class Alarms:
         Not where one is learnt already, since the charts began anew after the alarm. ``seen`` as of
         :meth:`acknowledge`.
         """
-        axis_id = self.get(alarm_id).row.axis_id
-        with self._database.write(axis_id) as session:
-            row = self._unchanged(session, alarm_id, seen)
+        with self._changing(alarm_id, seen) as (session, row):
             if row.status not in alarms.OPEN:
                 raise ConflictError(f"alarm {alarm_id} is {row.status} already")
             change_alarm(session, row, alarms.CLEARED, comment, who)
             session.flush()
-            if row.epoch == get_axis(session, axis_id).epoch:
-                begin_by_inspection(session.connection(), axis_id)
+            if row.epoch == get_axis(session, row.axis_id).epoch:
+                begin_by_inspection(session.connection(), row.axis_id)
         return self.get(alarm_id)
 
-    @staticmethod
-    def _unchanged(session: Session, alarm_id: int, seen: int | None) -> AlarmRow:
-        """Return an alarm; raises ConflictError if somebody did something that the caller has not seen yet."""
-        row = alarms.get_alarm(session, alarm_id)
-        view = AlarmView(row, alarms.events_of(session, [alarm_id])[alarm_id])
-        newer = [event for event in view.events if event.who is not None and event.kind != "comment"]
-        if seen is not None and newer and newer[-1].id > seen:
-            last = newer[-1]
-            what = last.kind or last.new_status
-            raise ConflictError(
-                f"alarm {alarm_id} was changed meanwhile: {last.who}, {what}, “{last.reason}”; look at it again first"
-            )
-        return row
+    @contextmanager
+    def _changing(self, alarm_id: int, seen: int | None) -> Iterator[tuple[Session, AlarmRow]]:
+        """Open what an alarm is changed in; ConflictError if somebody did something that the caller has not seen."""
+        with self._database.write(self.get(alarm_id).row.axis_id) as session:
+            row = alarms.get_alarm(session, alarm_id)
+            events = alarms.events_of(session, [alarm_id])[alarm_id]
+            newer = [event for event in events if event.who is not None and event.kind != "comment"]
+            if seen is not None and newer and newer[-1].id > seen:
+                last = newer[-1]
+                raise ConflictError(
+                    f"alarm {alarm_id} was changed meanwhile: {last.who}, {last.kind or last.new_status}, "
+                    f"“{last.reason}”; look at it again first"
+                )
+            yield session, row
 
 
 def watch_of_shelves(database: Database) -> Repeatedly:

@@ -1,7 +1,8 @@
 """Read how axes stand, their trends, and single measurements."""
 
 import base64
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Literal
@@ -83,6 +84,34 @@ class AxisStatus:
             return None
         lower, upper = (None if end is None else end / commissioned for end in interval)
         return PreloadLeft(preload / commissioned, (lower, upper))
+
+
+#: Worst first; an axis nobody can judge comes before one that is well.
+SEVERITY = ("alarm", "alert", "unknown", "learning", "normal")
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A machine, with its axes in order of name."""
+
+    name: str
+    place: str | None
+    axes: tuple[AxisStatus, ...]
+
+    @property
+    def state(self) -> str:
+        """How the worst of its axes stands."""
+        return min((axis.state for axis in self.axes), key=SEVERITY.index)
+
+
+def machines_of(axes: Iterable[AxisStatus]) -> list[Machine]:
+    """Return the machines that axes are of, in order of name; one of the same name elsewhere is another one."""
+    owned: dict[tuple[str, str], list[AxisStatus]] = defaultdict(list)
+    for axis in axes:
+        configuration = axis.configuration
+        if configuration.machine is not None:
+            owned[configuration.machine, configuration.machine_place or ""].append(axis)
+    return [Machine(name, place or None, tuple(own)) for (name, place), own in sorted(owned.items())]
 
 
 @dataclass(frozen=True, slots=True)

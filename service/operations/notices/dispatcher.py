@@ -1,4 +1,4 @@
-"""Tell every receiver of every notice, in order and until it is taken: nothing is lost while one is down.
+"""Send each notice to all receivers, in order and with retries: nothing is lost while one is down.
 
 Of several services on one database one at a time tells a receiver. It holds the receiver by a lease: when it is gone
 another goes on, with the notice that it may have told already, under the same id.

@@ -42,7 +42,7 @@ _WEAR: Final = 1.5  # [N a day]
 _DEAD_DAYS: Final = (60, 262)
 
 
-class Deed(StrEnum):
+class Action(StrEnum):
     """What people did after some measurements."""
 
     CALIBRATE = "calibrate"
@@ -70,7 +70,7 @@ class Chapter:
     """Measurements that follow each other, and what was done after them."""
 
     readings: tuple[Reading, ...]
-    deed: Deed | None = None
+    action: Action | None = None
 
     @property
     def ended_at(self) -> datetime:
@@ -83,14 +83,14 @@ def story(ends_at: datetime) -> tuple[Chapter, ...]:
     rng = np.random.default_rng(2018)
     year = tuple(_year(ends_at, rng))
     *before, last = _calibration(year[0].at - timedelta(days=1))
-    chapters = [*map(Chapter, before), Chapter(last, Deed.CALIBRATE)]
-    deeds = {_SEEN_DAY: Deed.SEE_ALARM, _LOOSE_DAYS[1] - 2: Deed.REPAIR, _LUBRICATED_DAY: Deed.LUBRICATE}
+    chapters = [*map(Chapter, before), Chapter(last, Action.CALIBRATE)]
+    actions = {_SEEN_DAY: Action.SEE_ALARM, _LOOSE_DAYS[1] - 2: Action.REPAIR, _LUBRICATED_DAY: Action.LUBRICATE}
     began: list[Reading] = []
     for number, reading in enumerate(year):
         began.append(reading)
-        deed = deeds.get(number * EVERY.days)
-        if deed is not None or len(began) == _TOGETHER or reading is year[-1]:
-            chapters.append(Chapter(tuple(began), deed))
+        action = actions.get(number * EVERY.days)
+        if action is not None or len(began) == _TOGETHER or reading is year[-1]:
+            chapters.append(Chapter(tuple(began), action))
             began = []
     return tuple(chapters)
 

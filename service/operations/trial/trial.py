@@ -25,8 +25,8 @@ from service.operations.trial.story import (
     EVERY,
     N_WINDOWS,
     SAMPLE_RATE,
+    Action,
     Chapter,
-    Deed,
     machine_text,
     measurements_of,
     sister_story,
@@ -127,20 +127,20 @@ class Trials:
     def _do(self, job: JobHandle, axis_id: str, chapter: Chapter) -> None:
         """Do what people did after a chapter; what is done already, before an interruption, is left."""
         at = chapter.ended_at + _LATER
-        match chapter.deed:
-            case Deed.CALIBRATE:
+        match chapter.action:
+            case Action.CALIBRATE:
                 self._calibrate(axis_id, at)
-            case Deed.SEE_ALARM:
+            case Action.SEE_ALARM:
                 for alarm in self._alarms.list(axis_id, alarms.ACTIVE, None, 1):
                     self._alarms.acknowledge(alarm.row.id, "looked at it; the axis has play by hand", _FITTER)
-            case Deed.REPAIR:
+            case Action.REPAIR:
                 self._wait_for_cause(job)
                 self._log(axis_id, at, Work.MOUNTING, "lock nut of the fixed bearing tightened", COMMISSIONED)
                 for alarm in self._alarms.list(axis_id, alarms.ACKNOWLEDGED, None, 1):
                     self._alarms.clear(alarm.row.id, "lock nut tightened, preload set again", _FITTER)
-            case Deed.LUBRICATE:
+            case Action.LUBRICATE:
                 self._log(axis_id, at, Work.LUBRICATED, "grease after half a year", None)
-        if chapter.deed in (Deed.SEE_ALARM, Deed.REPAIR):
+        if chapter.action in (Action.SEE_ALARM, Action.REPAIR):
             self._date_alarms(axis_id, [chapter])
 
     def _wait_for_cause(self, job: JobHandle) -> None:
@@ -174,11 +174,11 @@ class Trials:
 
     def _date_alarms(self, axis_id: str, chapters: Iterable[Chapter]) -> None:
         """Let what was done about alarms have been done after its chapter."""
-        when = {chapter.deed: chapter.ended_at + _LATER for chapter in chapters}
+        when = {chapter.action: chapter.ended_at + _LATER for chapter in chapters}
         done_at = {
-            status: when[deed]
-            for deed, status in ((Deed.SEE_ALARM, alarms.ACKNOWLEDGED), (Deed.REPAIR, alarms.CLEARED))
-            if deed in when
+            status: when[action]
+            for action, status in ((Action.SEE_ALARM, alarms.ACKNOWLEDGED), (Action.REPAIR, alarms.CLEARED))
+            if action in when
         }
         with self._database.write(axis_id) as session:
             alarms.date_back(session, axis_id, done_at)
