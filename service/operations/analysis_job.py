@@ -4,7 +4,8 @@ What was measured are stored measurements of the axis, or peaks that come with t
 """
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Generic, Literal, Protocol, Self, TypeVar
+from functools import partial
+from typing import Annotated, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -83,18 +84,6 @@ class Answer:
     page: str | None = None  # a report, one self-contained page of HTML
 
 
-class Question(Protocol):
-    """What is asked, ready to be answered in another process."""
-
-    def require(self) -> None:
-        """Refuse at once what cannot be answered; raises MonitorCoreError with the reason in one sentence."""
-        ...
-
-    def answer(self, report: Report) -> Answer:
-        """Answer it; raises as :meth:`require`."""
-        ...
-
-
 class AnalysisArguments(BaseModel):
     """What is asked, and what was measured: stored measurements, or peaks."""
 
@@ -118,12 +107,16 @@ class AnalysisArguments(BaseModel):
             raise ValueError("accelerometer goes with measurements; peaks are of the table")
         return self
 
-    def model_read(self) -> AxisDescription:
-        """Return the model that is asked about; raises MonitorCoreError if it cannot be read."""
+    def axis(self) -> AxisDescription:
+        """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
         raise NotImplementedError
 
-    def question(self, axis_id: str, measured: Measured) -> Question:
-        """Return what is asked of an axis, ready to be answered."""
+    def require(self, measured: Measured) -> None:
+        """Refuse at once what cannot be answered; raises MonitorCoreError with the reason in one sentence."""
+        raise NotImplementedError
+
+    def answer(self, axis_id: str, measured: Measured, report: Report) -> Answer:
+        """Answer it of an axis, in a process of its own; raises as :meth:`require`."""
         raise NotImplementedError
 
     @property
@@ -206,23 +199,24 @@ class AnalysisJob(Generic[Arguments]):
         with self._database.read() as session:
             get_axis(session, axis_id)
         if asked.peaks is not None:
-            self._question(axis_id, asked).require()
+            asked.require(self._measured(axis_id, asked))
         else:
-            asked.model_read()
+            asked.axis()
             selected_measurements(self._database, axis_id, asked.range)
         return self._runner.submit(self.kind, axis_id, asked.model_dump(mode="json", by_alias=True))
 
     def run(self, job: JobHandle) -> None:
         """Answer; begun anew if it was interrupted."""
-        question = self._question(job.axis_id, self._arguments.model_validate(job.arguments))
-        latest = self._arguments.first
+        asked = self._arguments.model_validate(job.arguments)
+        work = partial(asked.answer, job.axis_id, self._measured(job.axis_id, asked))
+        latest = asked.first
 
         def report(progress: Progress) -> None:
             nonlocal latest
             latest = progress
             job.say(progress.done, progress.total, progress.sentence)
 
-        answer = in_own_process(question.answer, report, latest)
+        answer = in_own_process(work, report, latest)
         if answer.page is not None:
             self._reports.write(job.job_id, answer.page)
         steps = latest.total or max(latest.done, 1)
@@ -239,10 +233,8 @@ class AnalysisJob(Generic[Arguments]):
             raise UnknownResourceError(f"axis '{axis_id}' has no finished job of kind {self.kind} '{job_id}'")
         return self._reports.read(job_id)
 
-    def _question(self, axis_id: str, asked: Arguments) -> Question:
+    def _measured(self, axis_id: str, asked: Arguments) -> Measured:
         if asked.peaks is not None:
-            measured = Measured(tuple(peak.to_core() for peak in asked.peaks))
-        else:
-            responses = axis_measurements(self._database, self._waveforms, axis_id, asked.range)
-            measured = Measured(responses.observations, responses.sentences)
-        return asked.question(axis_id, measured)
+            return Measured(tuple(peak.to_core() for peak in asked.peaks))
+        responses = axis_measurements(self._database, self._waveforms, axis_id, asked.range)
+        return Measured(responses.observations, responses.sentences)

@@ -1,7 +1,6 @@
 """What the model of an axis lacks, from its stored measurements or from posted peaks: jobs of kind ``discrepancy``."""
 
 import time
-from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -23,45 +22,6 @@ from service.store import jobs
 from service.store.database import Database
 from service.store.tables import JobRow
 
-#: Reported until the explanation reports its own.
-FIRST = Progress(1, None, "reading what was measured")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DiscrepancyQuestion:
-    """What the model of an axis lacks, by what was measured of it."""
-
-    axis_id: str
-    axis: AxisDescription
-    measured: Measured
-    options: ExplainOptions
-    time_limit: float | None = None  # [s]
-
-    def require(self) -> None:
-        """Refuse at once what cannot be explained."""
-        require_explainable(self.axis, self.measured.observations, self.options)
-
-    def answer(self, report: Report) -> Answer:
-        """Explain; the document is the JSON of ``preload explain``, the page its report."""
-        said = [FIRST.sentence]
-
-        def progress(sentence: str) -> None:
-            if said[-1] != sentence:
-                said.append(sentence)
-            report(Progress(len(said), None, sentence))
-
-        began = time.monotonic()
-        explanation = explain(
-            self.axis,
-            self.measured.observations,
-            self.options,
-            progress=progress,
-            time_is_up=lambda: self.time_limit is not None and time.monotonic() - began >= self.time_limit,
-        )
-        model_text = model_file_text(explanation.augmented or self.axis)
-        title = f"Axis {self.axis_id} against its {self.axis.family} model"
-        return Answer(explanation_document(explanation, model_text), explanation_page(explanation, model_text, title))
-
 
 class DiscrepancyIn(AnalysisArguments):
     """What the axis is said to be, and what was measured of it: stored measurements, or peaks."""
@@ -78,7 +38,7 @@ class DiscrepancyIn(AnalysisArguments):
     )
 
     kind = "discrepancy"
-    first = FIRST
+    first = Progress(1, None, "reading what was measured")
 
     baseline: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
     hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
@@ -91,16 +51,39 @@ class DiscrepancyIn(AnalysisArguments):
         description="after it the best answer so far is given, partial or unknown, with what was not tried",
     )
 
-    def model_read(self) -> AxisDescription:
-        """Return what the axis is said to be."""
+    def axis(self) -> AxisDescription:
+        """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
         return parse_model(self.baseline, "baseline")
 
-    def question(self, axis_id: str, measured: Measured) -> DiscrepancyQuestion:
-        """Return what is asked of an axis."""
-        options = ExplainOptions(
+    def require(self, measured: Measured) -> None:
+        """Refuse at once what cannot be explained; raises MonitorCoreError with the reason in one sentence."""
+        require_explainable(self.axis(), measured.observations, self._options(measured))
+
+    def answer(self, axis_id: str, measured: Measured, report: Report) -> Answer:
+        """Explain; the document is the JSON of ``preload explain``, the page its report."""
+        sentences = [self.first.sentence]
+
+        def progress(sentence: str) -> None:
+            if sentences[-1] != sentence:
+                sentences.append(sentence)
+            report(Progress(len(sentences), None, sentence))
+
+        axis, began = self.axis(), time.monotonic()
+        explanation = explain(
+            axis,
+            measured.observations,
+            self._options(measured),
+            progress=progress,
+            time_is_up=lambda: self.time_limit_s is not None and time.monotonic() - began >= self.time_limit_s,
+        )
+        model_text = model_file_text(explanation.augmented or axis)
+        title = f"Axis {axis_id} against its {axis.family} model"
+        return Answer(explanation_document(explanation, model_text), explanation_page(explanation, model_text, title))
+
+    def _options(self, measured: Measured) -> ExplainOptions:
+        return ExplainOptions(
             hold_out=self.hold_out, accelerometer=self.accelerometer, assumptions=measured.assumptions
         )
-        return DiscrepancyQuestion(axis_id, self.model_read(), measured, options, self.time_limit_s)
 
 
 class _FoundEffect(BaseModel):

@@ -1,6 +1,5 @@
 """Joints of an axis from its stored measurements or from posted peaks: jobs of kind ``identification``."""
 
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -40,29 +39,6 @@ class PredictionIn(BaseModel):
         return PredictionRequest(self.mode_hz, preload, self.scatter_hz, ExcitationSource(self.excitation_source))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IdentificationQuestion:
-    """Which joints an axis has, by what was measured of it."""
-
-    axis: AxisDescription
-    measured: Measured
-    options: IdentifyOptions
-
-    def require(self) -> None:
-        """Refuse at once what cannot be identified."""
-        require_identifiable(self.axis, self.measured.observations, self.options)
-
-    def answer(self, report: Report) -> Answer:
-        """Identify the joints; the document is the JSON of ``preload identify``."""
-        joints = identify(
-            self.axis,
-            self.measured.observations,
-            self.options,
-            progress=lambda done, total: report(Progress(done, total)),
-        )
-        return Answer(identification_document(joints))
-
-
 class IdentificationIn(AnalysisArguments):
     """Whose joints, and from what: stored measurements, or peaks."""
 
@@ -91,14 +67,27 @@ class IdentificationIn(AnalysisArguments):
     prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
 
-    def model_read(self) -> AxisDescription:
-        """Return what the axis is said to be."""
+    def axis(self) -> AxisDescription:
+        """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
         return parse_model(self.model, "model")
 
-    def question(self, axis_id: str, measured: Measured) -> IdentificationQuestion:
-        """Return what is asked of an axis."""
+    def require(self, measured: Measured) -> None:
+        """Refuse at once what cannot be identified; raises MonitorCoreError with the reason in one sentence."""
+        require_identifiable(self.axis(), measured.observations, self._options(measured))
+
+    def answer(self, axis_id: str, measured: Measured, report: Report) -> Answer:
+        """Identify the joints; the document is the JSON of ``preload identify``."""
         del axis_id
-        options = IdentifyOptions(
+        joints = identify(
+            self.axis(),
+            measured.observations,
+            self._options(measured),
+            progress=lambda done, total: report(Progress(done, total)),
+        )
+        return Answer(identification_document(joints))
+
+    def _options(self, measured: Measured) -> IdentifyOptions:
+        return IdentifyOptions(
             hold_out=self.hold_out,
             limits=self.limits,
             weighting=OBJECTIVES[self.objective],
@@ -107,4 +96,3 @@ class IdentificationIn(AnalysisArguments):
             accelerometer=self.accelerometer,
             assumptions=measured.assumptions,
         )
-        return IdentificationQuestion(self.model_read(), measured, options)

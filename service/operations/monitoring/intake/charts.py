@@ -130,15 +130,6 @@ def put_in(
     return replace(folded, points=aside | folded.points)
 
 
-def fold_epoch(
-    connection: Connection, axis: AxisRecord, charts: ChartsRecord, calibration: Calibration | None
-) -> Folded:
-    """Fold the charts over everything that was measured since their epoch began."""
-    if charts.epoch_from is None:
-        return Folded(charts, {}, (), None)
-    return fold_from(connection, axis, charts, charts.epoch_from, calibration)
-
-
 def fold_from(
     connection: Connection, axis: AxisRecord, charts: ChartsRecord, first: datetime, calibration: Calibration | None
 ) -> Folded:

@@ -11,10 +11,10 @@ from sqlalchemy.orm import Session
 from monitor_core.pipeline import AxisState
 from monitor_core.trend import DetectorState, Prior, TrendStatus, prior_from
 from service.errors import DocumentDamagedError
-from service.operations.monitoring.alarm_changes import settle_alarms
+from service.operations.monitoring.alarm_changes import LATE, settle_alarms
 from service.operations.monitoring.axis_configuration import detector_design, detector_settings, load_configuration
 from service.operations.monitoring.intake.chart_state import dump_design, dump_state, is_outdated, load_state
-from service.operations.monitoring.intake.charts import Folded, enter_epoch, fold_epoch, fold_from
+from service.operations.monitoring.intake.charts import Folded, enter_epoch, fold_from
 from service.store import intake
 from service.store.axes import get_axis, list_axes
 from service.store.calibrations import CalibrationsInForce
@@ -146,9 +146,10 @@ def _renew(connection: Connection, axis_id: str) -> None:
         epoch_after=None if before.epoch_from is None else before.epoch_from - timedelta(microseconds=1),
         since_checkpoint=0,
     )
-    calibration = CalibrationsInForce().of(connection, axis)
-    folded = fold_epoch(connection, axis, charts, calibration)
-    if calibration is not None and folded.again:
-        settle_alarms(connection, axis, folded)
-    intake.save_charts(connection, axis, before, folded.charts)
+    if charts.epoch_from is None:
+        intake.save_charts(connection, axis, before, charts)
+    else:
+        calibration = CalibrationsInForce().of(connection, axis)
+        folded = fold_from(connection, axis, charts, charts.epoch_from, calibration)
+        keep(connection, axis, before, folded, LATE)
     log.info("the charts of axis '%s' are of this version now", axis_id)
