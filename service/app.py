@@ -43,16 +43,14 @@ from service.api.services import Services
 from service.api.windows import WindowIn, WindowsIn
 from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError, StorageError
-from service.jobs import JobRunner, Work
+from service.jobs import JobRunner
 from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.access.access import Access
 from service.operations.access.scopes import Scope
 from service.operations.advice import read_advice
-from service.operations.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.alarm_cause import AlarmExplanations
 from service.operations.analysis_job import AnalysisJob
-from service.operations.calibrating.fit_job import KIND as CALIBRATION
 from service.operations.calibrating.fit_job import CalibrationJobs
 from service.operations.discrepancy_job import DiscrepancyIn
 from service.operations.identification_job import IdentificationIn
@@ -64,25 +62,21 @@ from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.epochs import renew_charts
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.rejudgements import Rejudgements
-from service.operations.monitoring.replay import KIND as REPLAY
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.receivers import Receivers, read_receivers
-from service.operations.purge import KIND as PURGE
 from service.operations.purge import Purge, Purges
 from service.operations.recordings.recordings import CHECK, Recordings
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.stored_windows import StoredWindows
 from service.operations.retention import Surveys, rule_of
-from service.operations.trial.trial import KIND as TRIAL
 from service.operations.trial.trial import Trials
 from service.settings import Settings
 from service.store.axes import counted
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
-from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
@@ -204,71 +198,43 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database = open_database(settings)
     renew_charts(database)
     waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
-    work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
-    runner = JobRunner(database, work, settings.max_waiting_jobs)
+    runner = JobRunner(database, {}, settings.max_waiting_jobs)  # each operation below says which work it does
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
     ingest = Ingest(database, waveforms, metrics, alarm_explanations.follow)
-    replays = Replays(settings.replay_dir, ingest, runner)
     files = RecordingFiles(settings.data_dir)
     uploads = Recordings(database, files, ingest, runner, settings.max_recording_mib * 2**20)
     reports = ReportStore(settings.data_dir)
     receivers, trend = read_receivers(settings.receivers_file), Trend(database)
-    identifications = AnalysisJob(IdentificationIn, database, waveforms, reports, runner)
-    discrepancies = AnalysisJob(DiscrepancyIn, database, waveforms, reports, runner)
     rule = rule_of(settings)
-    purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir))
-    rejudgements = Rejudgements(database, waveforms, runner)
-    axes, calibrations = Axes(database), Calibrations(database, waveforms)
-    alarms = Alarms(database)
-    trials = Trials(
-        database,
-        runner,
-        ingest,
-        axes=axes,
-        trend=trend,
-        calibrations=calibrations,
-        alarms=alarms,
-    )
-    calibration_jobs = CalibrationJobs(database, waveforms, calibrations, runner)
-    work |= {
-        CHECK: uploads.check,
-        CALIBRATION: calibration_jobs.run,
-        TRIAL: trials.run,
-        REJUDGEMENT: rejudgements.run,
-        REPLAY: replays.run,
-        IMPORT: uploads.run,
-        identifications.kind: identifications.run,
-        discrepancies.kind: discrepancies.run,
-        ALARM_EXPLANATION: alarm_explanations.run,
-        PURGE: purges.run,
-    }
+    calibrations = Calibrations(database, waveforms)
+    runner.work |= {CHECK: uploads.check, IMPORT: uploads.run}
     return Services(
         database=database,
         waveforms=waveforms,
         metrics=metrics,
         access=Access(database, on_loopback=settings.is_on_loopback()),
-        axes=axes,
+        axes=Axes(database),
         ingest=ingest,
         trend=trend,
         history=History(database),
         calibrations=calibrations,
-        calibration_jobs=calibration_jobs,
-        rejudgements=rejudgements,
-        alarms=alarms,
+        calibration_jobs=CalibrationJobs(database, waveforms, calibrations, runner),
+        rejudgements=Rejudgements(database, waveforms, runner),
+        alarms=Alarms(database),
         changes=Changes(database),
         shelves=watch_of_shelves(database),
-        replays=replays,
-        trials=trials,
+        replays=Replays(settings.replay_dir, ingest, runner),
+        trials=Trials(database, waveforms, runner, ingest),
         recordings=uploads,
         stored_windows=StoredWindows(database, waveforms, files),
-        identifications=identifications,
-        discrepancies=discrepancies,
+        identifications=AnalysisJob(IdentificationIn, database, waveforms, reports, runner),
+        discrepancies=AnalysisJob(DiscrepancyIn, database, waveforms, reports, runner),
         alarm_explanations=alarm_explanations,
         jobs=runner,
         dispatcher=Dispatcher(database, _senders(receivers, settings.public_url.rstrip("/")), metrics),
         states=_state_publishers(receivers, trend),
         advice=read_advice(settings.advice_file),
-        purges=purges,
+        purges=Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir)),
         surveys=Surveys(database, waveforms, rule),
     )
 

@@ -120,7 +120,7 @@ class JobRunner:
 
     def __init__(self, database: Database, work: dict[str, Work], most_waiting: int) -> None:
         self.database = database
-        self._work = work
+        self.work = work  # by kind
         self._most_waiting = most_waiting  # of a kind
         self._lanes: dict[str, _Lane] = {}  # by kind: what is soon done does not wait for what is not
         self._held: dict[str, str] = {}  # owners of the jobs that are worked on here
@@ -134,7 +134,7 @@ class JobRunner:
         if self.database.file is not None:  # no other process has it: whoever worked on one is gone
             with self.database.write() as session:
                 jobs.let_go(session)
-        for kind in self._work:
+        for kind in self.work:
             self._wake(kind)
 
     def submit(
@@ -287,7 +287,7 @@ class JobRunner:
         with self.database.read() as session:
             row = jobs.get_job(session, job_id)
             _require_own(row, owner)
-        self._work[row.kind](JobHandle(self, row, owner))
+        self.work[row.kind](JobHandle(self, row, owner))
 
     def _finish(self, job_id: str, owner: str, status: str, error: str | None) -> None:
         with self.database.write() as session:

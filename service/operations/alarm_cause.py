@@ -95,6 +95,7 @@ class AlarmExplanations:
         self._database = database
         self._waveforms = waveforms
         self._jobs = runner
+        runner.work[KIND] = self.run
 
     def follow(self, axis_id: str) -> None:
         """Start a job if a measurement that was just committed lets the alarm of its axis be explained, or better.

@@ -190,6 +190,7 @@ class AnalysisJob(Generic[Arguments]):
         self._waveforms = waveforms
         self._reports = reports
         self._runner = runner
+        runner.work[self.kind] = self.run
 
     def start(self, axis_id: str, asked: Arguments) -> JobRow:
         """Begin; what cannot be answered is refused at once, as far as that shows without measuring.

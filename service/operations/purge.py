@@ -219,6 +219,7 @@ class Purges:
         self._database = database
         self._jobs = runner
         self._purge = purge
+        runner.work[KIND] = self.run
         self._looking = Repeatedly("purges", self.begin_if_due, every_s=LOOKED_EVERY_S, waits="today's purge")
 
     def start(self) -> None:

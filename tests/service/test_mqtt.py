@@ -32,9 +32,10 @@ from service.operations.access.scopes import Scope
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.mqtt import MqttSender
-from service.operations.notices.senders import Notice, NotTakenError
+from service.operations.notices.senders import NotTakenError
 from service.store import notices
 from service.store.database import Database
+from service.store.tables import NoticeRow
 from tests.conftest import PROJECT_ROOT
 from tests.service.brokers import MOSQUITTO, BrokerProcess, Client, certificate, wait_until
 from tests.service.conftest import Api, ServerProcess, free_port, running_service, simulated_measurement
@@ -216,7 +217,8 @@ def test_a_silent_axis_becomes_unknown_at_the_broker_without_a_measurement(
 
 @needs_mosquitto
 def test_an_alarm_that_nobody_subscribes_to_is_not_told(mosquitto: BrokerProcess) -> None:
-    sender, notice = MqttSender(mosquitto.settings(), "http://preload.plant"), Notice(1, now(), "k", "axes/a", {})
+    sender = MqttSender(mosquitto.settings(), "http://preload.plant")
+    notice = NoticeRow(id=1, at=now(), kind="k", subject="axes/a", content={})
     with pytest.raises(NotTakenError, match="nobody subscribes to preload/plant/axes/a/alarms"):
         sender.send(notice)
     client = Client(mosquitto, "preload/+/axes/+/alarms")
@@ -230,7 +232,7 @@ def test_no_answer_of_a_broker_is_a_sentence(protocol: str) -> None:
     broker = BrokerProcess("amqtt", Path())
     sender = MqttSender(broker.settings().model_copy(update={"protocol": protocol}), "http://preload.plant")
     with pytest.raises(NotTakenError, match="no answer"):
-        sender.send(Notice(1, now(), "k", "axes/a", {}))
+        sender.send(NoticeRow(id=1, at=now(), kind="k", subject="axes/a", content={}))
 
 
 @needs_mosquitto
@@ -245,7 +247,7 @@ def test_a_password_and_tls_are_used(tmp_path: Path) -> None:
         extra=f"certfile {tmp_path}/cert.pem\nkeyfile {tmp_path}/key.pem\npassword_file {tmp_path}/users\n",
     ).start()
     login = {"username": "preload", "password_file": tmp_path / "password"}
-    notice = Notice(1, now(), "k", "axes/a", {})
+    notice = NoticeRow(id=1, at=now(), kind="k", subject="axes/a", content={})
 
     def send(**settings: Any) -> None:
         MqttSender(broker.settings(**login, **settings), "s").send(notice)

@@ -25,7 +25,7 @@ from service.observability import Metrics
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import GIVEN_UP_AFTER, Dispatcher
 from service.operations.notices.receivers import read_receivers
-from service.operations.notices.senders import Notice, NotTakenError, WebhookSender, signature
+from service.operations.notices.senders import NotTakenError, WebhookSender, signature
 from service.store import notices
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, NoticeRow, ReceiverRow
@@ -188,7 +188,7 @@ class Sender:
         self.down: NotTakenError | None = None
         self.told: list[str] = []
 
-    def send(self, notice: Notice) -> None:
+    def send(self, notice: NoticeRow) -> None:
         if self.down is not None:
             raise self.down
         self.told.append(notice.subject)
@@ -342,4 +342,6 @@ def test_no_answer_of_a_webhook_is_a_sentence(tmp_path: Path) -> None:
     path = receivers_file(tmp_path, url="http://127.0.0.1:9/hook")
     (webhook,) = read_receivers(path).webhook
     with pytest.raises(NotTakenError, match="no answer"):
-        WebhookSender(webhook, "http://preload.plant").send(Notice(1, now(), "test", "axes/axis", {}))
+        WebhookSender(webhook, "http://preload.plant").send(
+            NoticeRow(id=1, at=now(), kind="test", subject="axes/axis", content={})
+        )

@@ -64,6 +64,7 @@ class CalibrationJobs:
         self._waveforms = waveforms
         self._calibrations = calibrations
         self._runner = runner
+        runner.work[KIND] = self.run
 
     def start(self, axis_id: str, asked: CalibrationJobIn) -> JobRow:
         """Begin a fit.

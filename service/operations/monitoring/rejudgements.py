@@ -58,6 +58,7 @@ class Rejudgements:
         self._database = database
         self._waveforms = waveforms
         self._runner = runner
+        runner.work[KIND] = self.run
 
     def start(self, axis_id: str, asked: RejudgementIn, *, if_match: str | None = None) -> JobRow:
         """Begin in the background.

@@ -80,6 +80,7 @@ class Replays:
         self._folder = folder
         self._ingest = ingest
         self._runner = runner
+        runner.work[KIND] = self.run
 
     def sessions(self) -> list[str]:
         """Return the names of the sessions that can be replayed."""

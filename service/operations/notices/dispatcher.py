@@ -14,11 +14,11 @@ from service.clock import now
 from service.errors import BusyError, StorageError
 from service.jobs import Repeatedly
 from service.observability import Metrics
-from service.operations.notices.senders import Notice, NotTakenError, Sender
+from service.operations.notices.senders import NotTakenError, Sender
 from service.store import notices
 from service.store.database import Database
 from service.store.service_order import lease_owner
-from service.store.tables import DeadLetterRow, ReceiverRow
+from service.store.tables import DeadLetterRow, NoticeRow, ReceiverRow
 
 log = logging.getLogger(__name__)
 
@@ -95,17 +95,15 @@ class Dispatcher:
         at = now()
         with self._database.read() as session:
             row = notices.receiver(session, sender.name, at)
-            found = notices.next_notice(session, row.told_until) if row.next_try_at <= at else None
-        if found is None:
-            return False
+            if row.next_try_at > at or notices.next_notice(session, row.told_until) is None:
+                return False
         with self._database.write() as session:
             taken = notices.take_receiver(session, sender.name, self._owner, LEASE)
             if taken is None or taken.next_try_at > at:
                 return False
-            found = notices.next_notice(session, taken.told_until)
-        if found is None:
+            notice = notices.next_notice(session, taken.told_until)
+        if notice is None:
             return False
-        notice = Notice(found.id, found.at, found.kind, found.subject, found.content)
         try:
             sender.send(notice)
         except NotTakenError as error:
@@ -114,14 +112,14 @@ class Dispatcher:
         with self._database.write() as session:
             own = notices.own_receiver(session, sender.name, self._owner)
             if own is None:
-                log.warning("receiver %s took notice %d, and another service tells it on", sender.name, notice.number)
+                log.warning("receiver %s took notice %d, and another service tells it on", sender.name, notice.id)
                 return False
             _move_on(own, notice, at)
             own.last_told_at, own.last_error = at, None
         self._metrics.notices.labels(sender.name, "taken").inc()
         return True
 
-    def _note_failure(self, name: str, notice: Notice, at: datetime, error: NotTakenError) -> None:
+    def _note_failure(self, name: str, notice: NoticeRow, at: datetime, error: NotTakenError) -> None:
         with self._database.write() as session:
             row = notices.own_receiver(session, name, self._owner)
             if row is None:
@@ -133,11 +131,11 @@ class Dispatcher:
             row.next_try_at = at + timedelta(seconds=pause_s)
             given_up = at - row.failing_since >= GIVEN_UP_AFTER or (error.for_good and row.n_tries >= _TRIES_OF_REFUSED)
             if given_up:
-                session.add(DeadLetterRow(receiver=name, notice_id=notice.number, at=at, error=str(error)[:500]))
+                session.add(DeadLetterRow(receiver=name, notice_id=notice.id, at=at, error=str(error)[:500]))
                 _move_on(row, notice, at)
         self._metrics.notices.labels(name, "given up" if given_up else "not taken").inc()
-        log.warning("receiver %s did not take notice %d: %s", name, notice.number, error)
+        log.warning("receiver %s did not take notice %d: %s", name, notice.id, error)
 
 
-def _move_on(row: ReceiverRow, notice: Notice, at: datetime) -> None:
-    row.told_until, row.n_tries, row.failing_since, row.next_try_at = notice.number, 0, None, at
+def _move_on(row: ReceiverRow, notice: NoticeRow, at: datetime) -> None:
+    row.told_until, row.n_tries, row.failing_since, row.next_try_at = notice.id, 0, None, at

@@ -11,7 +11,8 @@ from typing import Self
 
 from service.errors import DataFolderError
 from service.operations.notices.receivers import Broker, read_secret
-from service.operations.notices.senders import CLOUD_EVENT_TYPE, TIMEOUT_S, Notice, NotTakenError, cloud_event
+from service.operations.notices.senders import CLOUD_EVENT_TYPE, TIMEOUT_S, NotTakenError, cloud_event
+from service.store.tables import NoticeRow
 
 try:
     from paho.mqtt import client as paho
@@ -183,13 +184,13 @@ class MqttSender:
         self._broker = broker
         self._source = source
 
-    def send(self, notice: Notice) -> None:
+    def send(self, notice: NoticeRow) -> None:
         """Publish a notice; raises NotTakenError unless the broker acknowledges it for somebody."""
         message = Message(
             f"{self._broker.root}/{notice.subject}/alarms",
             json.dumps(cloud_event(notice, self._source), ensure_ascii=False).encode(),
             content_type=CLOUD_EVENT_TYPE,
-            user_properties=(("id", str(notice.number)),),
+            user_properties=(("id", str(notice.id)),),
         )
         with Connection(self._broker) as connection:
             if not connection.publish(message):

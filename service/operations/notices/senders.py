@@ -5,31 +5,19 @@ import hashlib
 import hmac
 import json
 import smtplib
-from dataclasses import dataclass
-from datetime import datetime
 from email.message import EmailMessage
 from typing import Protocol
 
 from service.clock import now, text_of
 from service.json_types import JsonObject
 from service.operations.notices.receivers import ENCODED, Mail, Webhook, read_secret
+from service.store.tables import NoticeRow
 
 TIMEOUT_S = 20.0
 #: Of a CloudEvent in structured mode.
 CLOUD_EVENT_TYPE = "application/cloudevents+json; charset=utf-8"
 #: What asking again cannot change. Of a receiver that is set up wrongly (401, 403, 404) it can.
 _REFUSED_FOR_GOOD = frozenset(range(400, 500)) - {401, 403, 404, 408, 421, 425, 429}
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """What is told."""
-
-    number: int
-    at: datetime
-    kind: str
-    subject: str
-    content: JsonObject
 
 
 class NotTakenError(Exception):
@@ -45,15 +33,15 @@ class Sender(Protocol):
 
     name: str
 
-    def send(self, notice: Notice) -> None:
+    def send(self, notice: NoticeRow) -> None:
         """Hand over a notice; raises NotTakenError."""
 
 
-def cloud_event(notice: Notice, source: str) -> JsonObject:
+def cloud_event(notice: NoticeRow, source: str) -> JsonObject:
     """Return a notice as a CloudEvent 1.0 in structured mode. Its id stays when it is sent again."""
     return {
         "specversion": "1.0",
-        "id": str(notice.number),
+        "id": str(notice.id),
         "source": source,
         "type": notice.kind,
         "subject": notice.subject,
@@ -82,10 +70,10 @@ class WebhookSender:
         self._webhook = webhook
         self._source = source
 
-    def send(self, notice: Notice) -> None:
+    def send(self, notice: NoticeRow) -> None:
         """Hand over a notice; raises NotTakenError unless it is answered with 2xx."""
         body = json.dumps(cloud_event(notice, self._source), ensure_ascii=False).encode()
-        message_id, timestamp = f"{self._source}/{notice.number}", str(int(now().timestamp()))
+        message_id, timestamp = f"{self._source}/{notice.id}", str(int(now().timestamp()))
         headers = {
             "content-type": CLOUD_EVENT_TYPE,
             "webhook-id": message_id,
@@ -114,7 +102,7 @@ class MailSender:
         self._mail = mail
         self._source = source
 
-    def send(self, notice: Notice) -> None:
+    def send(self, notice: NoticeRow) -> None:
         """Hand over a notice to the mail server; raises NotTakenError if it does not take it."""
         mail = self._mail
         try:
@@ -128,13 +116,13 @@ class MailSender:
             for_good = isinstance(error, smtplib.SMTPRecipientsRefused | smtplib.SMTPDataError)
             raise NotTakenError(f"the mail server did not take it: {error}", for_good=for_good) from error
 
-    def message(self, notice: Notice) -> EmailMessage:
+    def message(self, notice: NoticeRow) -> EmailMessage:
         """Return the mail. Its Message-ID stays when it is sent again, so that a mail server can tell."""
         message, content = EmailMessage(), notice.content
         happened = notice.kind.rpartition(".")[2]
         message["From"], message["To"] = self._mail.sender, ", ".join(self._mail.recipients)
         message["Subject"] = f"{content.get('axis')}: alarm {content.get('alarm')} {happened}"
-        message["Message-ID"] = f"<{notice.number}.{hashlib.sha256(self._source.encode()).hexdigest()[:16]}@preload>"
+        message["Message-ID"] = f"<{notice.id}.{hashlib.sha256(self._source.encode()).hexdigest()[:16]}@preload>"
         message["Date"] = notice.at
         lines = [
             content.get("sentence"),

@@ -35,6 +35,7 @@ from service.operations.trial.story import (
 from service.store import alarms, calibrations, jobs
 from service.store.database import Database
 from service.store.tables import AxisRow, JobRow
+from service.store.waveforms import WaveformStore
 
 KIND: Final = "trial"
 #: An axis is a trial as long as it is of this machine.
@@ -51,17 +52,14 @@ _LOOK_EVERY_S, _MOST_LOOKS = 0.2, 75
 class Trials:
     """Starts trials and tells of them; the work of a job of kind ``trial``."""
 
-    def __init__(
-        self, database: Database, runner: JobRunner, ingest: Ingest, *,
-        axes: Axes, trend: Trend, calibrations: Calibrations, alarms: Alarms
-    ) -> None:  # fmt: skip
+    def __init__(self, database: Database, waveforms: WaveformStore, runner: JobRunner, ingest: Ingest) -> None:
         self._database = database
         self._runner = runner
+        runner.work[KIND] = self.run
         self._ingest = ingest
-        self._axes = axes
-        self._trend = trend
-        self._calibrations = calibrations
-        self._alarms = alarms
+        self._axes = Axes(database)
+        self._calibrations = Calibrations(database, waveforms)
+        self._alarms = Alarms(database)
 
     def start(self) -> JobRow:
         """Begin to make a trial axis of a name that is free.
@@ -82,7 +80,7 @@ class Trials:
 
     def end(self) -> None:
         """Put all trial axes away."""
-        for status in self._trend.fleet(TRIAL_MACHINE).axes:
+        for status in Trend(self._database).fleet(TRIAL_MACHINE).axes:
             self._axes.archive(status.row.id, archived=True)
 
     def run(self, job: JobHandle) -> None:
