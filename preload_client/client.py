@@ -187,12 +187,17 @@ class Client:
             stated["cursor"] = page["next_cursor"]
 
     def table(self, path: str, file: Path | str, **query: str | int) -> Path:
-        """Write any list into a file as a table; the end of its name, .csv or .parquet, says which."""
-        stated = {**query, "format": Path(file).suffix.removeprefix(".")}
-        with self._http.stream("GET", path, params=stated) as answer:
+        """Write a trend, the alarms or the log of changes into a file; the end of its name, .csv or .parquet, says how.
+
+        Raises ProblemError if the service refuses, ValueError if what is there is no table.
+        """
+        kind = Path(file).suffix.removeprefix(".")
+        with self._http.stream("GET", path, params={**query, "format": kind}) as answer:
             if not answer.is_success:
                 answer.read()
                 raise _refusal("GET", path, answer)
+            if kind not in answer.headers.get("content-type", ""):
+                raise ValueError(f"{path} is no table; trend, alarms and audit are, as .csv and .parquet")
             with Path(file).open("wb") as output:
                 for part in answer.iter_bytes():
                     output.write(part)

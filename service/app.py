@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
@@ -12,22 +12,16 @@ from fastapi_offline import FastAPIOffline
 from pydantic.json_schema import models_json_schema
 
 from service.api import (
-    advice,
     alarms,
-    analyses,
     axes,
     calibrating,
     calibrations,
-    changes,
     health,
     jobs,
-    maintenance,
-    receivers,
     recordings,
     retention,
     system,
     trend,
-    trials,
     windows,
 )
 from service.api.access import Gate, scopes_of
@@ -37,8 +31,6 @@ from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
 from service.api.http.observer import RequestObserver
 from service.api.http.problems import PROBLEM_RESPONSES, Problem, install_problem_handlers
-from service.api.http.tables.export import Tables
-from service.api.http.tables.lists import Document, offer_tables
 from service.api.services import Services
 from service.api.windows import WindowIn, WindowsIn
 from service.blas_threads import compute_in_one_thread
@@ -84,6 +76,7 @@ from service.web.pages import PAGES
 from service.web.site import STATIC, Site
 
 if TYPE_CHECKING:
+    from service.jobs import Repeatedly
     from service.operations.notices.mqtt_states import StatePublisher
     from service.operations.notices.senders import Sender
 
@@ -99,21 +92,22 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        services = _build_services(settings, metrics)
+        services, publishers = _build_services(settings, metrics)
         app.state.services = services
         services.purges.start()
         services.jobs.resume()
-        services.shelves.start()
-        services.dispatcher.start()
-        for publisher in services.states:
-            publisher.start()
+        in_background: tuple[Repeatedly | Dispatcher | StatePublisher, ...] = (
+            watch_of_shelves(services.database),
+            services.dispatcher,
+            *publishers,
+        )
+        for each in in_background:
+            each.start()
         try:
             yield
         finally:
-            for publisher in services.states:
-                publisher.close()
-            services.dispatcher.close()
-            services.shelves.close()
+            for each in reversed(in_background):
+                each.close()
             services.purges.close()
             services.recordings.close()
             services.jobs.close()
@@ -133,13 +127,9 @@ def create_app(settings: Settings) -> FastAPI:
     app.openapi = partial(describe, app)  # type: ignore[method-assign]  # FastAPI's own way to replace it
     app.state.settings = settings
     install_problem_handlers(app)
-    resources = (
-        axes, trend, maintenance, calibrations, calibrating, analyses, alarms, jobs, receivers, changes, advice,
-        retention, system, trials,
-    )  # fmt: skip
-    of_json = [resource.router for resource in resources]
+    of_json = [each.router for each in (axes, trend, calibrations, calibrating, alarms, jobs, retention, system)]
+    of_json.append(axes.maintenance_router)
     routers = [windows.router, recordings.router, *of_json, health.router, *PAGES]
-    app.add_middleware(Tables)
     app.add_middleware(
         RequestLimits,
         largest_body=settings.max_body_mib * 2**20,
@@ -165,7 +155,6 @@ def describe(app: FastAPI) -> JsonObject:
         document = FastAPI.openapi(app)
         models = [(WindowIn, "validation"), (WindowsIn, "validation"), (Problem, "validation")]
         document["components"]["schemas"] |= models_json_schema(models, ref_template=_COMPONENT)[1]["$defs"]  # type: ignore[arg-type]
-        offer_tables(cast(Document, document))
         app.openapi_schema = document
     return app.openapi_schema
 
@@ -194,7 +183,7 @@ def open_database(settings: Settings) -> Database:
     return database
 
 
-def _build_services(settings: Settings, metrics: Metrics) -> Services:
+def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, list[StatePublisher]]":
     database = open_database(settings)
     renew_charts(database)
     waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
@@ -208,7 +197,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     rule = rule_of(settings)
     calibrations = Calibrations(database, waveforms)
     runner.work |= {CHECK: uploads.check, IMPORT: uploads.run}
-    return Services(
+    services = Services(
         database=database,
         waveforms=waveforms,
         metrics=metrics,
@@ -222,7 +211,6 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         rejudgements=Rejudgements(database, waveforms, runner),
         alarms=Alarms(database),
         changes=Changes(database),
-        shelves=watch_of_shelves(database),
         replays=Replays(settings.replay_dir, ingest, runner),
         trials=Trials(database, waveforms, runner, ingest),
         recordings=uploads,
@@ -232,11 +220,11 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         alarm_explanations=alarm_explanations,
         jobs=runner,
         dispatcher=Dispatcher(database, _senders(receivers, settings.public_url.rstrip("/")), metrics),
-        states=_state_publishers(receivers, trend),
         advice=read_advice(settings.advice_file),
         purges=Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir)),
         surveys=Surveys(database, waveforms, rule),
     )
+    return services, _state_publishers(receivers, trend)
 
 
 def _senders(receivers: Receivers, source: str) -> "list[Sender]":

@@ -1,5 +1,7 @@
 """Define the errors of the service, and the one table from error class to HTTP status."""
 
+from typing import TYPE_CHECKING
+
 from monitor_core.errors import (
     InvalidWindowError,
     MissingReaderError,
@@ -8,6 +10,10 @@ from monitor_core.errors import (
     OutsideValidityError,
     RecordingFormatError,
 )
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
+    from pydantic_core import ErrorDetails
 
 
 class ServiceError(Exception):
@@ -130,3 +136,19 @@ def status_of(error: Exception) -> tuple[int, str]:
         if isinstance(error, kind):
             return status, name
     return 500, "internal-error"
+
+
+def sentence_of(item: "ErrorDetails") -> str:
+    """Return what was expected of a member and, where it is short enough to be shown, what was got."""
+    message = str(item["msg"]).removeprefix("Value error, ")
+    got = item.get("input", item)
+    if isinstance(got, str | int | float | None) and item["type"] != "missing" and "got" not in message:
+        message += f"; got {got[:50]!r}" if isinstance(got, str) else f"; got {got}"
+    return message
+
+
+def first_refusal(error: "ValidationError", *, shows_input: bool = True) -> str:
+    """Return which member was refused first and why; without ``shows_input``, a secret in it is not told."""
+    item = error.errors(include_url=False, include_input=shows_input)[0]
+    member = ".".join(str(part) for part in item["loc"] if part != "[key]")
+    return f"{member}: {sentence_of(item)}" if member else sentence_of(item)

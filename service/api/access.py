@@ -3,11 +3,11 @@
 from collections.abc import Iterable
 from functools import partial
 from re import Pattern
-from typing import cast
+from typing import Annotated, cast
 from urllib.parse import quote
 
 from anyio.to_thread import run_sync
-from fastapi import Request, Security, params
+from fastapi import Depends, Request, Security, params
 from fastapi.routing import APIRoute
 from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
@@ -35,6 +35,10 @@ _NOT_LOGGED = frozenset({"/v1/axes/{axis}/windows"})
 async def caller(request: Request) -> Caller:
     """Return who asks; :class:`Gate` has found that out, and whether they may, before the route is reached."""
     return cast(Caller, request.state.caller)
+
+
+#: What a route takes them by that writes down who did something.
+CallerOf = Annotated[Caller, Depends(caller)]
 
 
 def needs(scope: Scope) -> params.Security:

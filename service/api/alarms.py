@@ -3,24 +3,25 @@
 from datetime import datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import StreamingResponse
+from pydantic import AliasPath, BaseModel, ConfigDict, Field
 
-from service.api.access import needs
-from service.api.jobs import JobOut, job_out
-from service.api.services import Services, services
+from service.api.access import CallerOf, needs
+from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
+from service.api.jobs import JobOut, started
+from service.api.services import ServicesOf
 from service.documents.change import NotExamined
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisName, Moment, RequestModel, RowId, Text
-from service.operations.monitoring.alarms import AlarmView
+from service.operations.fields import AnswerModel, AxisName, Moment, RequestModel, RowId, Text, ViewModel
 
 router = APIRouter(prefix="/v1", tags=["alarms"])
 
 AlarmStatus = Literal["active", "acknowledged", "cleared", "withdrawn"]
 
 
-class AlarmEventOut(BaseModel):
+class AlarmEventOut(AnswerModel):
     """One change of an alarm."""
 
     id: int
@@ -83,11 +84,11 @@ class NotExaminedOut(BaseModel):
     recent: MeasuredOut | None
 
 
-class AlarmOut(BaseModel):
+class AlarmOut(ViewModel):
     """An alarm with its evidence, its cause as far as it was examined, and its history."""
 
     id: int
-    axis: str
+    axis: Annotated[str, Field(validation_alias=AliasPath("row", "axis_id"))]
     measurement_id: int
     kind: str
     raised_at: datetime
@@ -105,7 +106,7 @@ class AlarmsOut(BaseModel):
     next_cursor: int | None
 
 
-class AlarmsQuery(RequestModel):
+class AlarmsQuery(TableQuery):
     """Which alarms."""
 
     axis: AxisName | None = None
@@ -140,72 +141,57 @@ class ShelveIn(ChangeIn):
     until: Moment
 
 
-def alarm_out(view: AlarmView) -> AlarmOut:
-    """Return an alarm on the wire."""
-    row = view.row
-    return AlarmOut(
-        id=row.id, axis=row.axis_id, measurement_id=row.measurement_id, kind=row.kind, raised_at=row.raised_at,
-        status=row.status, evidence=row.evidence, explanation=row.explanation,
-        shelved_until=view.shelved_until,
-        events=[
-            AlarmEventOut(
-                id=e.id, at=e.at, kind=e.kind, old_status=e.old_status, new_status=e.new_status, reason=e.reason,
-                who=e.who,
-            )
-            for e in view.events
-        ],
-    )  # fmt: skip
-
-
-@router.get("/alarms", dependencies=[needs(Scope.TRENDS_READ)])
-def list_alarms(query: Annotated[AlarmsQuery, Query()], on: Annotated[Services, Depends(services)]) -> AlarmsOut:
+@router.get(
+    "/alarms", response_model=AlarmsOut, responses={200: TABLE_RESPONSE}, dependencies=[needs(Scope.TRENDS_READ)]
+)
+def list_alarms(query: Annotated[AlarmsQuery, Query()], on: ServicesOf) -> AlarmsOut | StreamingResponse:
     """List alarms, newest first."""
-    views = on.alarms.list(query.axis, query.status, query.cursor, query.limit)
-    cursor = views[-1].row.id if len(views) == query.limit else None
-    return AlarmsOut(alarms=[alarm_out(view) for view in views], next_cursor=cursor)
+
+    def page(query: AlarmsQuery) -> tuple[list[AlarmOut], int | None]:
+        views = on.alarms.list(query.axis, query.status, query.cursor, query.limit)
+        return [AlarmOut.model_validate(view) for view in views], views[-1].row.id if len(
+            views
+        ) == query.limit else None
+
+    if query.format is not None:
+        return table("alarms", AlarmOut, query, page)
+    alarms, cursor = page(query)
+    return AlarmsOut(alarms=alarms, next_cursor=cursor)
 
 
 @router.get("/alarms/{alarm}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_alarm(alarm: RowId, on: Annotated[Services, Depends(services)]) -> AlarmOut:
+def get_alarm(alarm: RowId, on: ServicesOf) -> AlarmOut:
     """Return one alarm."""
-    return alarm_out(on.alarms.get(alarm))
+    return AlarmOut.model_validate(on.alarms.get(alarm))
 
 
 @router.post("/alarms/{alarm}/acknowledge", dependencies=[needs(Scope.ALARMS_ACK)])
-def acknowledge_alarm(
-    alarm: RowId, body: ChangeIn, request: Request, on: Annotated[Services, Depends(services)]
-) -> AlarmOut:
+def acknowledge_alarm(alarm: RowId, body: ChangeIn, who: CallerOf, on: ServicesOf) -> AlarmOut:
     """Say that somebody has seen the alarm. The state of the axis does not change by that."""
-    who = request.state.caller.signature
-    return alarm_out(on.alarms.acknowledge(alarm, body.comment, who, seen=body.seen_event))
+    return AlarmOut.model_validate(on.alarms.acknowledge(alarm, body.comment, who.signature, seen=body.seen_event))
 
 
 @router.post("/alarms/{alarm}/comment", dependencies=[needs(Scope.ALARMS_ACK)])
-def comment_on_alarm(
-    alarm: RowId, body: CommentIn, request: Request, on: Annotated[Services, Depends(services)]
-) -> AlarmOut:
+def comment_on_alarm(alarm: RowId, body: CommentIn, who: CallerOf, on: ServicesOf) -> AlarmOut:
     """Write something into the history of the alarm; nothing else changes."""
-    return alarm_out(on.alarms.comment(alarm, body.comment, request.state.caller.signature))
+    return AlarmOut.model_validate(on.alarms.comment(alarm, body.comment, who.signature))
 
 
 @router.post("/alarms/{alarm}/shelve", dependencies=[needs(Scope.ALARMS_ACK)])
-def shelve_alarm(
-    alarm: RowId, body: ShelveIn, request: Request, on: Annotated[Services, Depends(services)]
-) -> AlarmOut:
+def shelve_alarm(alarm: RowId, body: ShelveIn, who: CallerOf, on: ServicesOf) -> AlarmOut:
     """Let an open alarm rest: receivers hear nothing of it until then, and then it is back by itself."""
-    who = request.state.caller.signature
-    return alarm_out(on.alarms.shelve(alarm, body.until, body.comment, who, seen=body.seen_event))
+    return AlarmOut.model_validate(
+        on.alarms.shelve(alarm, body.until, body.comment, who.signature, seen=body.seen_event)
+    )
 
 
 @router.post("/alarms/{alarm}/clear", dependencies=[needs(Scope.ALARMS_ACK)])
-def clear_alarm(alarm: RowId, body: ChangeIn, request: Request, on: Annotated[Services, Depends(services)]) -> AlarmOut:
+def clear_alarm(alarm: RowId, body: ChangeIn, who: CallerOf, on: ServicesOf) -> AlarmOut:
     """Close the alarm after inspection: a new baseline is learnt from here on."""
-    return alarm_out(on.alarms.clear(alarm, body.comment, request.state.caller.signature, seen=body.seen_event))
+    return AlarmOut.model_validate(on.alarms.clear(alarm, body.comment, who.signature, seen=body.seen_event))
 
 
 @router.post("/alarms/{alarm}/explanations", status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)])
-def explain_alarm(alarm: RowId, response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
+def explain_alarm(alarm: RowId, response: Response, on: ServicesOf) -> JobOut:
     """Ask in the background which change of the axis explains an open alarm, by its newest measurements."""
-    row = on.alarm_explanations.start(alarm)
-    response.headers["Location"] = f"/v1/jobs/{row.id}"
-    return job_out(row)
+    return started(on.alarm_explanations.start(alarm), response)

@@ -1,26 +1,29 @@
-"""``/v1/axes``: registration, configuration, and how each axis stands."""
+"""``/v1/axes``: registration, configuration, how each axis stands, and what was done to it."""
 
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import AliasPath, BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
 
 from service.api.access import needs
 from service.api.http.body import JSON_TYPE
-from service.api.services import Services, services
+from service.api.services import ServicesOf
 from service.documents.consequences import Kind
 from service.documents.said import in_english
+from service.documents.stored_measurement import StoredMeasurement
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisId, Label, RequestModel
+from service.operations.fields import AnswerModel, AxisId, Label, RequestModel, ViewModel
+from service.operations.monitoring import maintenance
 from service.operations.monitoring.axes import settings_tag
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.consequences import outlook_of
-from service.operations.monitoring.trend import AxisStatus, machines_of
-from service.store.rejudged import Stale
+from service.operations.monitoring.maintenance import MaintenanceIn, Work
+from service.operations.monitoring.trend import machines_of
 
 router = APIRouter(prefix="/v1", tags=["axes"])
+maintenance_router = APIRouter(prefix="/v1", tags=["maintenance"])
 
 
 class AxisIn(RequestModel):
@@ -46,31 +49,35 @@ class AxisIn(RequestModel):
     configuration: AxisConfiguration = AxisConfiguration()
 
 
-class StaleOut(BaseModel):
+class StaleOut(AnswerModel):
     """What is said is about to be replaced: the job that judges the history anew, and by which calibration."""
 
     job: str
     calibration: int
 
 
-class PreloadLeftOut(BaseModel):
+class PreloadLeftOut(AnswerModel):
     """The share of the commissioned preload that is left; an open end of its interval is null."""
 
     share: float
     interval_95: tuple[float | None, float | None]
 
 
-class AxisOut(BaseModel):
+def _document(measured: StoredMeasurement | JsonObject | None) -> JsonObject | None:
+    return measured.document() if isinstance(measured, StoredMeasurement) else measured
+
+
+class AxisOut(ViewModel):
     """An axis and how it stands."""
 
     id: str
     name: str
     created_at: datetime
     configuration: AxisConfiguration
-    active_calibration: int | None
+    active_calibration: Annotated[int | None, Field(validation_alias=AliasPath("row", "active_calibration_id"))]
     state: str
-    state_since: datetime | None
-    last_measurement: JsonObject | None
+    state_since: Annotated[datetime | None, Field(validation_alias="since")]
+    last_measurement: Annotated[JsonObject | None, BeforeValidator(_document)]
     refused_windows: dict[str, int]
     uncharted: dict[str, int]
     open_alarms: int
@@ -81,7 +88,7 @@ class AxisOut(BaseModel):
     archived_at: datetime | None
 
 
-class DamagedAxisOut(BaseModel):
+class DamagedAxisOut(AnswerModel):
     """An axis of which something stored cannot be read, and what to do about it. It takes no windows; others do."""
 
     id: str
@@ -119,64 +126,7 @@ class AxesOut(BaseModel):
     damaged: list[DamagedAxisOut]
 
 
-#: What is shown where nothing else is asked for.
-_ALL = AxesQuery()
-
-
-def axis_out(status: AxisStatus) -> AxisOut:
-    """Return an axis on the wire."""
-    row, left = status.row, status.preload_left
-    return AxisOut(
-        id=row.id,
-        name=row.name,
-        created_at=row.created_at,
-        configuration=status.configuration,
-        active_calibration=row.active_calibration_id,
-        state=status.state,
-        state_since=status.since,
-        last_measurement=None if status.last_measurement is None else status.last_measurement.document(),
-        refused_windows=row.refused_windows,
-        uncharted=row.uncharted,
-        open_alarms=status.open_alarms,
-        preload_left=None if left is None else PreloadLeftOut(share=left.share, interval_95=left.interval_95),
-        stale=stale_out(status.stale),
-        archived_at=row.archived_at,
-    )
-
-
-def stale_out(stale: Stale | None) -> StaleOut | None:
-    """Return on the wire what is about to replace what is said."""
-    return None if stale is None else StaleOut(job=stale.job, calibration=stale.calibration)
-
-
-def axes_out(on: Services, query: AxesQuery = _ALL) -> AxesOut:
-    """Return the axes on the wire; what is wrong with the documents of one keeps no other from being shown."""
-    fleet = on.trend.fleet(query.machine, archived=query.archived)
-    damaged = [DamagedAxisOut(id=axis.id, name=axis.name, detail=axis.detail) for axis in fleet.damaged]
-    return AxesOut(axes=[axis_out(status) for status in fleet.axes], damaged=damaged)
-
-
-@router.put(
-    "/axes/{axis}",
-    responses={201: {"model": AxisOut, "description": "registered"}},
-    dependencies=[needs(Scope.CALIBRATIONS_WRITE)],
-)
-def put_axis(
-    axis: AxisId, body: AxisIn, request: Request, response: Response, on: Annotated[Services, Depends(services)]
-) -> AxisOut:
-    """Register an axis, or change its name and configuration; `If-Match` guards against a change in between."""
-    _, created = on.axes.register(axis, body.name, body.configuration, if_match=request.headers.get("if-match"))
-    response.status_code = 201 if created else 200
-    return _tagged(axis_out(on.trend.status(axis)), response)
-
-
-def _tagged(axis: AxisOut, response: Response) -> AxisOut:
-    """Name the settings that an answer holds, for `If-Match`."""
-    response.headers["ETag"] = f'"{settings_tag(axis.name, axis.configuration)}"'
-    return axis
-
-
-class ChangeOut(BaseModel):
+class ChangeOut(AnswerModel):
     """A setting that would be changed."""
 
     setting: str
@@ -184,12 +134,12 @@ class ChangeOut(BaseModel):
     after: JsonValue
 
 
-class ConsequenceOut(BaseModel):
+class ConsequenceOut(AnswerModel):
     """What a setting would change, and what its numbers rest on."""
 
     setting: str
     kind: Kind
-    sentence: str
+    sentence: Annotated[str, BeforeValidator(in_english), Field(validation_alias="said")]
 
 
 class ConsequencesOut(BaseModel):
@@ -200,29 +150,55 @@ class ConsequencesOut(BaseModel):
     consequences: list[ConsequenceOut]
 
 
-@router.post("/axes/{axis}/consequences", dependencies=[needs(Scope.TRENDS_READ)])
-def post_consequences(axis: AxisId, body: AxisIn, on: Annotated[Services, Depends(services)]) -> ConsequencesOut:
-    """Say what a configuration would change before it is sent: false alarms against delay, silences, averages, band."""
-    outlook = outlook_of(on.database, axis, body.name, body.configuration)
-    return ConsequencesOut(
-        axis=axis,
-        changes=[ChangeOut(setting=it.setting, before=it.before, after=it.after) for it in outlook.changes],
-        consequences=[
-            ConsequenceOut(setting=it.setting, kind=it.kind, sentence=in_english(it.said))
-            for it in outlook.consequences
-        ],
-    )
+class PutQuery(RequestModel):
+    """How it is put."""
+
+    dry_run: bool = Field(default=False, description="only say what it would change; nothing is stored")
+
+
+@router.put(
+    "/axes/{axis}",
+    responses={201: {"model": AxisOut, "description": "registered"}},
+    dependencies=[needs(Scope.CALIBRATIONS_WRITE)],
+)
+def put_axis(
+    axis: AxisId,
+    body: AxisIn,
+    query: Annotated[PutQuery, Query()],
+    request: Request,
+    response: Response,
+    on: ServicesOf,
+) -> AxisOut | ConsequencesOut:
+    """Register an axis, or change its name and configuration; `If-Match` guards against a change in between.
+
+    With `dry_run` nothing is stored: the answer says what would change of a registered axis, false alarms against
+    delay, silences, averages and band.
+    """
+    if query.dry_run:
+        outlook = outlook_of(on.database, axis, body.name, body.configuration)
+        return ConsequencesOut(axis=axis, changes=outlook.changes, consequences=outlook.consequences)
+    _, created = on.axes.register(axis, body.name, body.configuration, if_match=request.headers.get("if-match"))
+    response.status_code = 201 if created else 200
+    return _tagged(AxisOut.model_validate(on.trend.status(axis)), response)
+
+
+def _tagged(axis: AxisOut, response: Response) -> AxisOut:
+    """Name the settings that an answer holds, for `If-Match`."""
+    response.headers["ETag"] = f'"{settings_tag(axis.name, axis.configuration)}"'
+    return axis
 
 
 @router.get("/axes", response_model=AxesOut, dependencies=[needs(Scope.TRENDS_READ)])
-def list_axes(query: Annotated[AxesQuery, Query()], on: Annotated[Services, Depends(services)]) -> Response:
+def list_axes(query: Annotated[AxesQuery, Query()], on: ServicesOf) -> Response:
     """List the axes and how each stands."""
     # A response of our own: FastAPI would validate what is valid, and a fleet is large.
-    return Response(axes_out(on, query).model_dump_json(), media_type=JSON_TYPE)
+    fleet = on.trend.fleet(query.machine, archived=query.archived)
+    out = AxesOut(axes=fleet.axes, damaged=fleet.damaged)
+    return Response(out.model_dump_json(), media_type=JSON_TYPE)
 
 
 @router.get("/machines", dependencies=[needs(Scope.TRENDS_READ)])
-def list_machines(on: Annotated[Services, Depends(services)]) -> MachinesOut:
+def list_machines(on: ServicesOf) -> MachinesOut:
     """List the machines with their axes, and how the worst of these stands."""
     return MachinesOut(
         machines=[
@@ -239,20 +215,59 @@ def list_machines(on: Annotated[Services, Depends(services)]) -> MachinesOut:
 
 
 @router.post("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def archive_axis(axis: AxisId, on: Annotated[Services, Depends(services)]) -> AxisOut:
+def archive_axis(axis: AxisId, on: ServicesOf) -> AxisOut:
     """Hide an axis from lists; it takes no windows any more. Nothing is deleted, and it can be taken back."""
     on.axes.archive(axis, archived=True)
-    return axis_out(on.trend.status(axis))
+    return AxisOut.model_validate(on.trend.status(axis))
 
 
 @router.delete("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def take_axis_back(axis: AxisId, on: Annotated[Services, Depends(services)]) -> AxisOut:
+def take_axis_back(axis: AxisId, on: ServicesOf) -> AxisOut:
     """Take an axis back that was archived."""
     on.axes.archive(axis, archived=False)
-    return axis_out(on.trend.status(axis))
+    return AxisOut.model_validate(on.trend.status(axis))
 
 
 @router.get("/axes/{axis}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_axis(axis: AxisId, response: Response, on: Annotated[Services, Depends(services)]) -> AxisOut:
+def get_axis(axis: AxisId, response: Response, on: ServicesOf) -> AxisOut:
     """Return one axis and how it stands; `ETag` names its settings."""
-    return _tagged(axis_out(on.trend.status(axis)), response)
+    return _tagged(AxisOut.model_validate(on.trend.status(axis)), response)
+
+
+class MaintenanceOut(AnswerModel):
+    """An entry of the maintenance log."""
+
+    id: int
+    at: datetime
+    entered_at: datetime
+    who: str
+    kind: Work
+    note: str
+    set_preload_n: float | None
+    corrects: Annotated[int | None, Field(description="the entry that it takes the place of")]
+
+
+class MaintenanceLogOut(BaseModel):
+    """All entries by when the work was done; one that another one `corrects` does not hold any more."""
+
+    axis: str
+    entries: list[MaintenanceOut]
+
+
+@maintenance_router.post(
+    "/axes/{axis}/maintenance",
+    status_code=201,
+    responses={200: {"model": MaintenanceOut, "description": "this entry was there already"}},
+    dependencies=[needs(Scope.ALARMS_ACK)],
+)
+def post_maintenance(axis: AxisId, body: MaintenanceIn, response: Response, on: ServicesOf) -> MaintenanceOut:
+    """Say what was done to an axis. A new nut or screw begins the baseline anew from then, however long ago."""
+    row, is_new = maintenance.enter(on.database, axis, body)
+    response.status_code = 201 if is_new else 200
+    return MaintenanceOut.model_validate(row)
+
+
+@maintenance_router.get("/axes/{axis}/maintenance", dependencies=[needs(Scope.TRENDS_READ)])
+def get_maintenance(axis: AxisId, on: ServicesOf) -> MaintenanceLogOut:
+    """Return the maintenance log of an axis."""
+    return MaintenanceLogOut(axis=axis, entries=maintenance.log_of(on.database, axis))

@@ -2,19 +2,18 @@
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Query, Response
-from pydantic import BaseModel, Field
+from fastapi import APIRouter, Query, Response
+from pydantic import AliasPath, BaseModel, BeforeValidator, Field
 
-from monitor_core.preload import PlannedSetting
 from monitor_core.recordings.elements.units import to_millimetres
 from service.api.access import needs
-from service.api.jobs import JobOut, job_out
-from service.api.services import Services, services
+from service.api.jobs import JobOut, started
+from service.api.services import ServicesOf
 from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import CatalogueIn, axis_proposal
 from service.operations.calibrating.fit_job import CalibrationJobIn
-from service.operations.calibrating.plan import AxisPlan, PlanIn, calibration_plan
-from service.operations.fields import AxisId
+from service.operations.calibrating.plan import PlanIn, calibration_plan
+from service.operations.fields import AnswerModel, AxisId
 
 router = APIRouter(prefix="/v1", tags=["calibrations"])
 
@@ -37,43 +36,51 @@ class DriveModelOut(BaseModel):
     expected: list[ExpectedFrequencyOut]
 
 
-class SettingOut(BaseModel):
+class SettingOut(AnswerModel):
     """Where the table stands and which preload is set."""
 
-    position_mm: float
-    preload_n: float
+    position_mm: Annotated[float, BeforeValidator(to_millimetres), Field(validation_alias="position")]
+    preload_n: Annotated[float, Field(validation_alias="preload")]
 
 
-class SetMeasurementOut(BaseModel):
+class SetMeasurementOut(AnswerModel):
     """A measurement whose preload was set on purpose."""
 
-    measurement: int
+    measurement: Annotated[int, Field(validation_alias="id")]
     position_mm: float
-    preload_n: float
+    preload_n: Annotated[float, Field(validation_alias="set_preload_n")]
     status: Literal["open", "judged", "refused"]
-    windows_accepted: int
+    windows_accepted: Annotated[int, Field(validation_alias="n_accepted")]
     frequency_hz: Annotated[float | None, Field(description="null: the mode was not found, or windows are awaited")]
     refusal_reason: str | None
 
 
-class CalibrationPlanOut(BaseModel):
+class CalibrationPlanOut(AnswerModel):
     """What to measure next for a calibration."""
 
     positions_mm: list[float]
     preloads_n: list[float]
     measured: list[SetMeasurementOut]
-    holes: Annotated[list[SettingOut], Field(description="settings of the grid that were not measured")]
-    next: Annotated[SettingOut, Field(description="after which the smallest loss is seen")]
+    holes: list[SettingOut] = Field(
+        validation_alias=AliasPath("plan", "holes"), description="settings of the grid that were not measured"
+    )
+    next: SettingOut = Field(
+        validation_alias=AliasPath("plan", "proposed"), description="after which the smallest loss is seen"
+    )
     wished_loss_n: float
-    smallest_loss_n: Annotated[float | None, Field(description="predicted; null: not enough for a fit")]
-    smallest_loss_then_n: Annotated[float | None, Field(description="with the next setting, too")]
-    measurements_left: Annotated[
-        int | None, Field(description="until the wished loss is seen; null: the scatter of readings does not let it")
-    ]
-    scatter_from: Annotated[
-        Literal["measured", "calibration", "model", "none"],
-        Field(description="how the scatter of a reading is known: none counts the holes alone"),
-    ]
+    smallest_loss_n: float | None = Field(
+        validation_alias=AliasPath("plan", "smallest_loss"), description="predicted; null: not enough for a fit"
+    )
+    smallest_loss_then_n: float | None = Field(
+        validation_alias=AliasPath("plan", "smallest_loss_then"), description="with the next setting, too"
+    )
+    measurements_left: int | None = Field(
+        validation_alias=AliasPath("plan", "n_left"),
+        description="until the wished loss is seen; null: the scatter of readings does not let it",
+    )
+    scatter_from: Literal["measured", "calibration", "model", "none"] = Field(
+        validation_alias="source", description="how the scatter of a reading is known: none counts the holes alone"
+    )
 
 
 @router.get("/drive-model", dependencies=[needs(Scope.TRENDS_READ)])
@@ -94,54 +101,16 @@ def get_drive_model(query: Annotated[CatalogueIn, Query()]) -> DriveModelOut:
 
 
 @router.get("/axes/{axis}/calibration-plan", dependencies=[needs(Scope.TRENDS_READ)])
-def get_calibration_plan(
-    axis: AxisId, query: Annotated[PlanIn, Query()], on: Annotated[Services, Depends(services)]
-) -> CalibrationPlanOut:
+def get_calibration_plan(axis: AxisId, query: Annotated[PlanIn, Query()], on: ServicesOf) -> CalibrationPlanOut:
     """Say where to move and which preload to set next, how many are left, and which loss the calibration will see."""
-    return plan_out(calibration_plan(on.database, axis, query))
-
-
-def plan_out(found: AxisPlan) -> CalibrationPlanOut:
-    """Return a plan on the wire."""
-    plan = found.plan
-    return CalibrationPlanOut(
-        positions_mm=list(found.positions_mm),
-        preloads_n=list(found.preloads_n),
-        measured=[
-            SetMeasurementOut(
-                measurement=item.id,
-                position_mm=item.position_mm,
-                preload_n=item.set_preload_n,
-                status=item.status,
-                windows_accepted=item.n_accepted,
-                frequency_hz=item.frequency_hz,
-                refusal_reason=item.refusal_reason,
-            )
-            for item in found.measured
-        ],
-        holes=[_setting(item) for item in plan.holes],
-        next=_setting(plan.proposed),
-        wished_loss_n=found.wished_loss_n,
-        smallest_loss_n=plan.smallest_loss,
-        smallest_loss_then_n=plan.smallest_loss_then,
-        measurements_left=plan.n_left,
-        scatter_from=found.source,
-    )
-
-
-def _setting(item: PlannedSetting) -> SettingOut:
-    return SettingOut(position_mm=to_millimetres(item.position), preload_n=item.preload)
+    return CalibrationPlanOut.model_validate(calibration_plan(on.database, axis, query))
 
 
 @router.post("/axes/{axis}/calibration-jobs", status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def start_calibration(
-    axis: AxisId, body: CalibrationJobIn, response: Response, on: Annotated[Services, Depends(services)]
-) -> JobOut:
+def start_calibration(axis: AxisId, body: CalibrationJobIn, response: Response, on: ServicesOf) -> JobOut:
     """Fit a calibration to stored measurements in the background; its number and its readings are in the result.
 
     As `POST …/calibrations` with `measurements`, which answers when it is done. Nothing is in force before it is
     activated.
     """
-    row = on.calibration_jobs.start(axis, body)
-    response.headers["Location"] = f"/v1/jobs/{row.id}"
-    return job_out(row)
+    return started(on.calibration_jobs.start(axis, body), response)

@@ -3,19 +3,19 @@
 from datetime import datetime
 from typing import Annotated, Literal, Self
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from service.api.access import needs
-from service.api.jobs import JobOut, job_out
-from service.api.services import Services, services
+from service.api.jobs import JobOut, started
+from service.api.services import ServicesOf
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.analysis_job import MeasurementRange
-from service.operations.fields import AxisId, Number, RequestModel, RowId, Text, exactly_one_of
+from service.operations.fields import AnswerModel, AxisId, Number, RequestModel, RowId, Text, exactly_one_of
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.rejudgements import RejudgementIn
 from service.store.tables import CalibrationRow
@@ -86,10 +86,10 @@ class CalibrationOut(BaseModel):
     document: JsonObject
 
 
-class ActivationOut(BaseModel):
+class ActivationOut(AnswerModel):
     """Which calibration came into force when, and why."""
 
-    calibration: int
+    calibration: Annotated[int, Field(validation_alias="calibration_id")]
     activated_at: datetime
     reason: str
 
@@ -125,17 +125,12 @@ def calibrations_out(overview: CalibrationOverview) -> CalibrationsOut:
     """Return all calibrations of an axis on the wire."""
     return CalibrationsOut(
         calibrations=[calibration_out(row, overview.active) for row in overview.calibrations],
-        history=[
-            ActivationOut(calibration=row.calibration_id, activated_at=row.activated_at, reason=row.reason)
-            for row in overview.activations
-        ],
+        history=overview.activations,
     )
 
 
 @router.post("/axes/{axis}/calibrations", status_code=201, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def post_calibration(
-    axis: AxisId, body: CalibrationIn, response: Response, on: Annotated[Services, Depends(services)]
-) -> CalibrationOut:
+def post_calibration(axis: AxisId, body: CalibrationIn, response: Response, on: ServicesOf) -> CalibrationOut:
     """Fit k1…k4 (or take them from a file) and store them for review. Nothing is in force before it is activated."""
     if body.document is not None:
         row = on.calibrations.bring(axis, body.document, body.comment)
@@ -151,13 +146,13 @@ def post_calibration(
 
 
 @router.get("/axes/{axis}/calibrations", dependencies=[needs(Scope.TRENDS_READ)])
-def list_calibrations(axis: AxisId, on: Annotated[Services, Depends(services)]) -> CalibrationsOut:
+def list_calibrations(axis: AxisId, on: ServicesOf) -> CalibrationsOut:
     """List the calibrations of an axis and which was in force since when."""
     return calibrations_out(on.calibrations.overview(axis))
 
 
 @router.get("/axes/{axis}/calibrations/{calibration}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_calibration(axis: AxisId, calibration: RowId, on: Annotated[Services, Depends(services)]) -> CalibrationOut:
+def get_calibration(axis: AxisId, calibration: RowId, on: ServicesOf) -> CalibrationOut:
     """Return one calibration."""
     row, active = on.calibrations.get(axis, calibration)
     return calibration_out(row, active)
@@ -169,7 +164,7 @@ def activate_calibration(
     calibration: RowId,
     body: ActivationIn,
     request: Request,
-    on: Annotated[Services, Depends(services)],
+    on: ServicesOf,
 ) -> CalibrationsOut:
     """Put a calibration in force. It starts a new baseline; `If-Match: "<id>"` guards against a change in between."""
     on.calibrations.activate(axis, calibration, body.reason, expected_active=request.headers.get("if-match"))
@@ -182,13 +177,11 @@ def start_rejudgement(
     body: RejudgementIn,
     request: Request,
     response: Response,
-    on: Annotated[Services, Depends(services)],
+    on: ServicesOf,
 ) -> JobOut:
     """Judge the history of an axis anew under a calibration, which is in force then; `dry_run` only compares.
 
     The result of the job holds both histories side by side: states, alarms and their first date, median preload and
     interval. `If-Match: "<id>"` guards against another calibration in force than was thought.
     """
-    row = on.rejudgements.start(axis, body, if_match=request.headers.get("if-match"))
-    response.headers["Location"] = f"/v1/jobs/{row.id}"
-    return job_out(row)
+    return started(on.rejudgements.start(axis, body, if_match=request.headers.get("if-match")), response)

@@ -5,15 +5,14 @@ import logging
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Annotated
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from pydantic import BaseModel
 
 from monitor_core.trend import TrendStatus
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import Services, ServicesOf
 from service.errors import BusyError, StorageError
 from service.observability import AxisReading, FleetGauges
 from service.operations.access.scopes import Scope
@@ -40,7 +39,7 @@ async def healthz() -> HealthOut:
 
 
 @router.get("/readyz")
-async def readyz(request: Request, on: Annotated[Services, Depends(services)]) -> HealthOut:
+async def readyz(request: Request, on: ServicesOf) -> HealthOut:
     """Tell that windows can be stored: the database and the disk take what is written, and there is room."""
     # Not in a worker thread of the requests: all of them may be waiting for the database.
     await asyncio.to_thread(_require_ready, on.database, request.app.state.settings.data_dir)
@@ -63,7 +62,7 @@ def _require_ready(database: Database, data_dir: Path) -> None:
 
 
 @router.get("/metrics", response_class=Response, dependencies=[needs(Scope.TRENDS_READ)])
-def metrics(on: Annotated[Services, Depends(services)]) -> Response:
+def metrics(on: ServicesOf) -> Response:
     """Return the counters, and how axes and jobs stand, in the text format of Prometheus.
 
     Without the database it is the counters alone: those are needed most when something is wrong.

@@ -1,28 +1,39 @@
-"""``/v1/jobs``: long work with its progress, and ``/v1/axes/{axis}/replays`` that starts one kind of it."""
+"""``/v1/jobs``: long work with its progress, and the routes that only start some.
+
+Replays, identifications, discrepancies (whose report is also a page) and the simulated axis of a trial.
+"""
 
 from datetime import datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.services import ServicesOf
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisId, AxisName, JobId, RequestModel
+from service.operations.discrepancy_job import DiscrepancyIn
+from service.operations.fields import AnswerModel, AxisId, AxisName, JobId, RequestModel
+from service.operations.identification_job import IdentificationIn
 from service.operations.monitoring.replay import ReplayIn
 from service.store.tables import JobRow
 
-router = APIRouter(prefix="/v1", tags=["jobs"])
+router = APIRouter(prefix="/v1")
+
+#: A report is a file of its own, with its style in it and no script.
+_OF_REPORT = {
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; frame-ancestors 'none'"
+}
 
 
-class JobOut(BaseModel):
+class JobOut(AnswerModel):
     """A job as it stands."""
 
     id: str
     kind: str
-    axis: Annotated[str | None, Field(description="null: it is about all axes")]
+    axis: Annotated[str | None, Field(validation_alias="axis_id", description="null: it is about all axes")]
     arguments: JsonObject
     status: Literal["queued", "running", "done", "failed", "cancelled"]
     done: int
@@ -56,44 +67,71 @@ class SessionsOut(BaseModel):
     sessions: list[str]
 
 
-def job_out(row: JobRow) -> JobOut:
-    """Return a job on the wire."""
-    return JobOut(
-        id=row.id, kind=row.kind, axis=row.axis_id, arguments=row.arguments, status=row.status, done=row.done,
-        total=row.total, result=row.result, error=row.error, created_at=row.created_at, updated_at=row.updated_at,
-    )  # fmt: skip
+def started(row: JobRow, response: Response) -> JobOut:
+    """Answer with a job that was started, and where its progress is."""
+    response.headers["Location"] = f"/v1/jobs/{row.id}"
+    return JobOut.model_validate(row)
 
 
-@router.get("/sessions", dependencies=[needs(Scope.TRENDS_READ)])
-def list_sessions(on: Annotated[Services, Depends(services)]) -> SessionsOut:
+@router.get("/sessions", tags=["jobs"], dependencies=[needs(Scope.TRENDS_READ)])
+def list_sessions(on: ServicesOf) -> SessionsOut:
     """List the recorded sessions in the replay folder."""
     return SessionsOut(sessions=on.replays.sessions())
 
 
-@router.post("/axes/{axis}/replays", status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)])
-def start_replay(
-    axis: AxisId, body: ReplayIn, response: Response, on: Annotated[Services, Depends(services)]
-) -> JobOut:
+@router.post("/axes/{axis}/replays", tags=["jobs"], status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)])
+def start_replay(axis: AxisId, body: ReplayIn, response: Response, on: ServicesOf) -> JobOut:
     """Replay a recorded session into an axis, as a job with progress; the same code as for live windows."""
-    row = on.replays.start(axis, body)
-    response.headers["Location"] = f"/v1/jobs/{row.id}"
-    return job_out(row)
+    return started(on.replays.start(axis, body), response)
 
 
-@router.get("/jobs", dependencies=[needs(Scope.TRENDS_READ)])
-def list_jobs(query: Annotated[JobsQuery, Query()], on: Annotated[Services, Depends(services)]) -> JobsOut:
+@router.get("/jobs", tags=["jobs"], dependencies=[needs(Scope.TRENDS_READ)])
+def list_jobs(query: Annotated[JobsQuery, Query()], on: ServicesOf) -> JobsOut:
     """List jobs, newest first."""
     rows = on.jobs.list(query.axis, query.limit, query.cursor)
-    return JobsOut(jobs=[job_out(row) for row in rows], next_cursor=rows[-1].id if len(rows) == query.limit else None)
+    return JobsOut(jobs=rows, next_cursor=rows[-1].id if len(rows) == query.limit else None)
 
 
-@router.get("/jobs/{job}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_job(job: JobId, on: Annotated[Services, Depends(services)]) -> JobOut:
+@router.get("/jobs/{job}", tags=["jobs"], dependencies=[needs(Scope.TRENDS_READ)])
+def get_job(job: JobId, on: ServicesOf) -> JobOut:
     """Return a job with its progress."""
-    return job_out(on.jobs.get(job))
+    return JobOut.model_validate(on.jobs.get(job))
 
 
-@router.post("/jobs/{job}/cancel", dependencies=[needs(Scope.REPLAYS_RUN)])
-def cancel_job(job: JobId, on: Annotated[Services, Depends(services)]) -> JobOut:
+@router.post("/jobs/{job}/cancel", tags=["jobs"], dependencies=[needs(Scope.REPLAYS_RUN)])
+def cancel_job(job: JobId, on: ServicesOf) -> JobOut:
     """Ask a job to stop; work already done stays done."""
-    return job_out(on.jobs.cancel(job))
+    return JobOut.model_validate(on.jobs.cancel(job))
+
+
+@router.post(
+    "/axes/{axis}/identifications", tags=["identifications"], status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)]
+)
+def start_identification(axis: AxisId, body: IdentificationIn, response: Response, on: ServicesOf) -> JobOut:
+    """Identify the joints of an axis in the background; the result is the JSON of `preload identify`."""
+    return started(on.identifications.start(axis, body), response)
+
+
+@router.post(
+    "/axes/{axis}/discrepancies", tags=["discrepancies"], status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)]
+)
+def start_discrepancy(axis: AxisId, body: DiscrepancyIn, response: Response, on: ServicesOf) -> JobOut:
+    """Explain in the background where measurements and model part; the result is the JSON of `preload explain`."""
+    return started(on.discrepancies.start(axis, body), response)
+
+
+@router.get(
+    "/axes/{axis}/discrepancies/{job}/report",
+    tags=["discrepancies"],
+    response_class=HTMLResponse,
+    dependencies=[needs(Scope.TRENDS_READ)],
+)
+def get_discrepancy_report(axis: AxisId, job: JobId, on: ServicesOf) -> HTMLResponse:
+    """Return the report of a finished job: one page that holds all it shows, to be kept or sent on."""
+    return HTMLResponse(on.discrepancies.report(axis, job), headers=_OF_REPORT)
+
+
+@router.post("/trials", tags=["jobs"], status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
+def start_trial(response: Response, on: ServicesOf) -> JobOut:
+    """Make a simulated axis with a year of history, as a job; `arguments.axis` names it, its archive ends the trial."""
+    return started(on.trials.start(), response)

@@ -4,14 +4,14 @@ from datetime import datetime
 from functools import partial
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.access import needs
 from service.api.http.form import FORM_TYPE, FormReader, boundary_of
-from service.api.jobs import JobOut, job_out
-from service.api.services import Services, services
+from service.api.jobs import JobOut, started
+from service.api.services import ServicesOf, services
 from service.documents.recording import ChannelEntry, FileEntry, LeftOutEntry
 from service.errors import NotAcceptableError
 from service.operations.access.scopes import Scope
@@ -144,7 +144,7 @@ def recording_out(view: RecordingView) -> RecordingOut:
         id=row.id, axis=row.axis_id, name=row.name, sha256=row.sha256, size_bytes=row.size_bytes, state=row.state,
         problems=row.problems, map=row.channel_map, n_windows=contents.n_windows,
         n_measurements=contents.n_measurements, files=contents.files, channels=contents.channels,
-        left_out=contents.left_out, job=job_out(view.job), created_at=row.created_at,
+        left_out=contents.left_out, job=view.job, created_at=row.created_at,
     )  # fmt: skip
 
 
@@ -160,9 +160,7 @@ async def post_recording(
     fit is refused, and then nothing is kept. With `check_only` all of it is kept, and the job only says what is in it:
     nothing has to be sent again. The job names the recording in its `arguments`.
     """
-    row = await receive(axis, request, check_only=query.check_only)
-    response.headers["Location"] = f"/v1/jobs/{row.id}"
-    return job_out(row)
+    return started(await receive(axis, request, check_only=query.check_only), response)
 
 
 async def receive(axis: str, request: Request, *, check_only: bool) -> JobRow:
@@ -187,24 +185,20 @@ async def receive(axis: str, request: Request, *, check_only: bool) -> JobRow:
 
 
 @router.post("/axes/{axis}/recordings/{recording}/import", status_code=202, dependencies=[needs(Scope.WINDOWS_WRITE)])
-def import_recording(
-    axis: AxisId, recording: RowId, body: ImportIn, response: Response, on: Annotated[Services, Depends(services)]
-) -> JobOut:
+def import_recording(axis: AxisId, recording: RowId, body: ImportIn, response: Response, on: ServicesOf) -> JobOut:
     """Take the windows of a recording that was uploaded with `check_only`, as a job.
 
     Every window is made and checked before this answers. What does not fit is refused, and the recording stays as it
     was, to be tried with another map.
     """
     kept = on.recordings.get(axis, recording).row
-    row = on.recordings.take_kept(axis, recording, kept.channel_map if body.map is None else body.map)
-    response.headers["Location"] = f"/v1/jobs/{row.id}"
-    return job_out(row)
+    return started(
+        on.recordings.take_kept(axis, recording, kept.channel_map if body.map is None else body.map), response
+    )
 
 
 @router.get("/axes/{axis}/recordings", dependencies=[needs(Scope.TRENDS_READ)])
-def list_recordings(
-    axis: AxisId, query: Annotated[RecordingsQuery, Query()], on: Annotated[Services, Depends(services)]
-) -> RecordingsOut:
+def list_recordings(axis: AxisId, query: Annotated[RecordingsQuery, Query()], on: ServicesOf) -> RecordingsOut:
     """List the uploaded recordings of an axis, newest first."""
     views = on.recordings.list(axis, query.cursor, query.limit)
     cursor = views[-1].row.id if len(views) == query.limit else None
@@ -212,13 +206,13 @@ def list_recordings(
 
 
 @router.get("/axes/{axis}/recordings/{recording}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_recording(axis: AxisId, recording: RowId, on: Annotated[Services, Depends(services)]) -> RecordingOut:
+def get_recording(axis: AxisId, recording: RowId, on: ServicesOf) -> RecordingOut:
     """Return what was found in a recording, and how far its windows are taken."""
     return recording_out(on.recordings.get(axis, recording))
 
 
 @router.delete("/axes/{axis}/recordings/{recording}")
-def delete_recording(axis: AxisId, recording: RowId, on: Annotated[Services, Depends(services)]) -> RemovedOut:
+def delete_recording(axis: AxisId, recording: RowId, on: ServicesOf) -> RemovedOut:
     """Remove the files of a recording. Windows that were taken from it stay, as all that was measured."""
     removed = on.recordings.remove(axis, recording)
     return RemovedOut(
@@ -236,7 +230,7 @@ def delete_recording(axis: AxisId, recording: RowId, on: Annotated[Services, Dep
     dependencies=[needs(Scope.TRENDS_READ)],
 )
 def get_recording_file(
-    axis: AxisId, recording: RowId, query: Annotated[FileQuery, Query()], on: Annotated[Services, Depends(services)]
+    axis: AxisId, recording: RowId, query: Annotated[FileQuery, Query()], on: ServicesOf
 ) -> FileResponse:
     """Download an uploaded file as it was sent."""
     path = on.recordings.file(axis, recording, query.name)
@@ -249,7 +243,7 @@ def get_recording_file(
     responses={200: {"description": "a session file", "content": {HDF5_TYPE: _BINARY}}},
     dependencies=[needs(Scope.TRENDS_READ)],
 )
-def get_recording_session(axis: AxisId, recording: RowId, on: Annotated[Services, Depends(services)]) -> FileResponse:
+def get_recording_session(axis: AxisId, recording: RowId, on: ServicesOf) -> FileResponse:
     """Download the session whose windows are taken: as uploaded, or as `preload import` makes it of the same files."""
     path = on.recordings.session_file(axis, recording)
     return FileResponse(path, media_type=HDF5_TYPE, filename=path.name)
@@ -272,7 +266,7 @@ def get_windows(
     measurement: RowId,
     query: Annotated[WindowsQuery, Query()],
     request: Request,
-    on: Annotated[Services, Depends(services)],
+    on: ServicesOf,
 ) -> StreamingResponse:
     """Read the stored windows of a measurement back, refused ones included: samples as they are stored, bit by bit.
 

@@ -3,17 +3,16 @@
 from datetime import datetime
 from typing import Annotated, Literal, Self
 
-from fastapi import APIRouter, Depends, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from fastapi import APIRouter, Query, Response
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from service.api.access import needs
-from service.api.jobs import JobOut, job_out
-from service.api.services import Services, services
+from service.api.access import CallerOf, needs
+from service.api.jobs import JobOut, started
+from service.api.services import ServicesOf
 from service.operations import retention
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisId, Moment, RequestModel, RowId, Text, exactly_one_of
-from service.operations.retention import Reason, Rule, Share, Survey, Why
-from service.store.tables import PinRow
+from service.operations.fields import AnswerModel, AxisId, Moment, RequestModel, RowId, Text, exactly_one_of
+from service.operations.retention import Reason, Rule, Survey, Why
 from service.store.trend.points import Span
 
 router = APIRouter(prefix="/v1", tags=["retention"])
@@ -29,11 +28,11 @@ class RuleOut(BaseModel):
     sentence: str
 
 
-class ShareOut(BaseModel):
+class ShareOut(AnswerModel):
     """So many windows, and the bytes that they take on the disk."""
 
-    windows: int
-    bytes: int
+    windows: Annotated[int, Field(validation_alias="n_windows")]
+    bytes: Annotated[int, Field(validation_alias="n_bytes")]
 
 
 class KeptOut(ShareOut):
@@ -42,26 +41,26 @@ class KeptOut(ShareOut):
     why: Why
 
 
-class PurgeOut(BaseModel):
+class PurgeOut(AnswerModel):
     """A purge and what came of it; `ended_at` is null while it is at work, and if it was broken off."""
 
     id: int
     begun_at: datetime
     ended_at: datetime | None
     keep_raw_days: int
-    windows: int
+    windows: Annotated[int, Field(validation_alias="n_windows")]
     freed_bytes: int
 
 
-class PaceOut(BaseModel):
+class PaceOut(AnswerModel):
     """What an axis stores: counted over so many days, and what a year brings at this pace (1 GB = 1e9 bytes).
 
     Within its first day nothing is said of a year.
     """
 
-    axis: str
+    axis: Annotated[str, Field(validation_alias="axis_id")]
     days: float
-    bytes: int
+    bytes: Annotated[int, Field(validation_alias="n_bytes")]
     gb_per_year: float | None
 
 
@@ -95,27 +94,14 @@ def retention_out(survey: Survey) -> RetentionOut:
         ),
         files=survey.n_files,
         bytes=survey.n_bytes,
-        kept=[KeptOut(why=why, **_share(share)) for why, share in survey.kept.items()],
-        to_let_go=ShareOut(**_share(survey.to_let_go)),
+        kept=[KeptOut(why=why, windows=share.n_windows, bytes=share.n_bytes) for why, share in survey.kept.items()],
+        to_let_go=survey.to_let_go,
         unnamed_bytes=survey.unnamed_bytes,
         let_go_windows=survey.n_let_go,
-        purges=[
-            PurgeOut(
-                id=row.id, begun_at=row.begun_at, ended_at=row.ended_at, keep_raw_days=row.keep_raw_days,
-                windows=row.n_windows, freed_bytes=row.freed_bytes,
-            )
-            for row in survey.purges
-        ],
+        purges=survey.purges,
         gb_per_year=sum(pace.gb_per_year or 0.0 for pace in survey.paces),
-        axes=[
-            PaceOut(axis=pace.axis_id, days=pace.days, bytes=pace.n_bytes, gb_per_year=pace.gb_per_year)
-            for pace in survey.paces
-        ],
-    )  # fmt: skip
-
-
-def _share(share: Share) -> dict[str, int]:
-    return {"windows": share.n_windows, "bytes": share.n_bytes}
+        axes=survey.paces,
+    )
 
 
 def _sentence(rule: Rule) -> str:
@@ -157,15 +143,19 @@ class PinIn(RequestModel):
         return self
 
 
-class PinOut(BaseModel):
+class PinOut(AnswerModel):
     """A pin: of a measurement, or of the measurements of an axis that began in a span."""
 
     id: int
-    axis: str
-    kind: Literal["measurement", "span"]
+    axis: Annotated[str, Field(validation_alias="axis_id")]
+    kind: Annotated[
+        Literal["measurement", "span"],
+        BeforeValidator(lambda number: "span" if number is None else "measurement"),
+        Field(validation_alias="measurement_id"),
+    ]
     measurement_id: int | None
-    start: datetime | None = Field(serialization_alias="from")
-    end: datetime | None = Field(serialization_alias="to")
+    start: datetime | None = Field(validation_alias="start_at", serialization_alias="from")
+    end: datetime | None = Field(validation_alias="end_at", serialization_alias="to")
     reason: str
     who: str
     at: datetime
@@ -185,17 +175,8 @@ class PinsQuery(RequestModel):
     limit: Annotated[int, Field(ge=1, le=1000)] = 100
 
 
-def pin_out(row: PinRow) -> PinOut:
-    """Return a pin on the wire."""
-    return PinOut(
-        id=row.id, axis=row.axis_id, kind="span" if row.measurement_id is None else "measurement",
-        measurement_id=row.measurement_id, start=row.start_at, end=row.end_at,
-        reason=row.reason, who=row.who, at=row.at,
-    )  # fmt: skip
-
-
 @router.get("/retention", dependencies=[needs(Scope.TRENDS_READ)])
-def get_retention(on: Annotated[Services, Depends(services)]) -> RetentionOut:
+def get_retention(on: ServicesOf) -> RetentionOut:
     """Return the rule, what is kept and why, what a purge would free, and what a year brings.
 
     All that is stored is counted; the answer may be a minute old, as its `at` says.
@@ -204,33 +185,30 @@ def get_retention(on: Annotated[Services, Depends(services)]) -> RetentionOut:
 
 
 @router.post("/retention/purges", status_code=202, dependencies=[needs(Scope.ADMIN)])
-def start_purge(request: Request, response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
+def start_purge(who: CallerOf, response: Response, on: ServicesOf) -> JobOut:
     """Let go now what the rule does not keep, as a job; one that is not done yet is answered with again."""
-    row = on.purges.begin(request.state.caller.name)
-    response.headers["Location"] = f"/v1/jobs/{row.id}"
-    return job_out(row)
+    return started(on.purges.begin(who.name), response)
 
 
 @router.get("/axes/{axis}/pins", dependencies=[needs(Scope.TRENDS_READ)])
-def list_pins(
-    axis: AxisId, query: Annotated[PinsQuery, Query()], on: Annotated[Services, Depends(services)]
-) -> PinsOut:
+def list_pins(axis: AxisId, query: Annotated[PinsQuery, Query()], on: ServicesOf) -> PinsOut:
     """List what is pinned of an axis, newest first."""
     rows = retention.list_pins(on.database, axis, query.cursor, query.limit)
-    return PinsOut(pins=[pin_out(row) for row in rows], next_cursor=rows[-1].id if len(rows) == query.limit else None)
+    return PinsOut(pins=rows, next_cursor=rows[-1].id if len(rows) == query.limit else None)
 
 
 @router.post("/axes/{axis}/pins", status_code=201, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def pin(axis: AxisId, body: PinIn, request: Request, on: Annotated[Services, Depends(services)]) -> PinOut:
+def pin(axis: AxisId, body: PinIn, who: CallerOf, on: ServicesOf) -> PinOut:
     """Keep waveforms whatever their age: of a measurement, or of all that began in a span, those to come included.
 
     A measurement that is pinned already is kept for the new reason.
     """
     what = Span(body.start, body.end) if body.measurement is None else body.measurement
-    return pin_out(retention.pin(on.database, axis, what, Reason(body.reason, request.state.caller.name)))
+    why = Reason(body.reason, who.name)
+    return PinOut.model_validate(retention.pin(on.database, axis, what, why))
 
 
 @router.delete("/axes/{axis}/pins/{pin}", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def remove_pin(axis: AxisId, pin: RowId, on: Annotated[Services, Depends(services)]) -> PinOut:
+def remove_pin(axis: AxisId, pin: RowId, on: ServicesOf) -> PinOut:
     """Let the rule decide again about what a pin kept."""
-    return pin_out(retention.remove_pin(on.database, axis, pin))
+    return PinOut.model_validate(retention.remove_pin(on.database, axis, pin))

@@ -1,11 +1,11 @@
 """Give the routers the operations of one application."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from service.jobs import JobRunner, Repeatedly
+from service.jobs import JobRunner
 from service.observability import Metrics
 from service.operations.access.access import Access
 from service.operations.advice import AdviceTable
@@ -32,9 +32,6 @@ from service.operations.trial.trial import Trials
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 
-if TYPE_CHECKING:
-    from service.operations.notices.mqtt_states import StatePublisher
-
 
 @dataclass(frozen=True, slots=True)
 class Services:
@@ -53,7 +50,6 @@ class Services:
     rejudgements: Rejudgements
     alarms: Alarms
     changes: Changes
-    shelves: Repeatedly
     replays: Replays
     trials: Trials
     recordings: Recordings
@@ -63,7 +59,6 @@ class Services:
     alarm_explanations: AlarmExplanations
     jobs: JobRunner
     dispatcher: Dispatcher
-    states: "list[StatePublisher]"
     purges: Purges
     surveys: Surveys
     advice: AdviceTable

@@ -1,83 +1,105 @@
-"""``GET /v1/system``: versions, how far intake is behind, what was refused; ``/v1/audit``: who changed what."""
+"""``/v1/system``, ``/v1/receivers``, ``/v1/audit``, ``/v1/changes``, ``/v1/advice``: how the service itself stands."""
 
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import StreamingResponse
+from pydantic import BaseModel, Field
 
 from service.api.access import needs
-from service.api.services import Services, services
+from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
+from service.api.services import ServicesOf
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisName, RequestModel
-from service.operations.system import SystemStatus, system_status
+from service.operations.advice import Look, Section
+from service.operations.fields import AnswerModel, AxisName, RequestModel, ViewModel
+from service.operations.system import system_status
 
 router = APIRouter(prefix="/v1", tags=["operations"])
 
 
-class VersionsOut(BaseModel):
+class VersionsOut(AnswerModel):
     """What runs: the program, the schema and kind of the database, Python."""
 
     program: str
-    schema_: Annotated[str, Field(serialization_alias="schema")]
+    schema_: Annotated[str, Field(alias="schema")]
     database: str
     python: str
 
 
-class LagOut(BaseModel):
+class LagOut(AnswerModel):
     """How far intake is behind."""
 
-    waiting_requests: Annotated[int, Field(description="that wait for their turn in this process")]
-    open_measurements: Annotated[int, Field(description="that wait for further windows")]
-    last_received_at: Annotated[datetime | None, Field(description="when the newest window arrived")]
-    last_started_at: Annotated[datetime | None, Field(description="when that window was measured")]
+    waiting_requests: Annotated[
+        int, Field(validation_alias="n_waiting", description="that wait for their turn in this process")
+    ]
+    open_measurements: Annotated[int, Field(validation_alias="n_open", description="that wait for further windows")]
+    last_received_at: Annotated[
+        datetime | None, Field(validation_alias="received_at", description="when the newest window arrived")
+    ]
+    last_started_at: Annotated[
+        datetime | None, Field(validation_alias="started_at", description="when that window was measured")
+    ]
     mean_judging_s: Annotated[
-        float | None, Field(description="time to judge a measurement, since this process began; null: none yet")
+        float | None,
+        Field(
+            validation_alias="judging_s",
+            description="time to judge a measurement, since this process began; null: none yet",
+        ),
     ]
 
 
-class SystemOut(BaseModel):
+class SystemOut(AnswerModel):
     """How the service stands; counts are of all axes since they were registered."""
 
     versions: VersionsOut
     lag: LagOut
-    axes: int
-    archived_axes: int
+    axes: Annotated[int, Field(validation_alias="n_axes")]
+    archived_axes: Annotated[int, Field(validation_alias="n_archived")]
     refused_windows: dict[str, int]
     uncharted: dict[str, int]
 
 
-def system_out(status: SystemStatus) -> SystemOut:
-    """Return on the wire how the service stands."""
-    versions, lag = status.versions, status.lag
-    return SystemOut(
-        versions=VersionsOut(
-            program=versions.program, schema_=versions.schema, database=versions.database, python=versions.python
-        ),
-        lag=LagOut(
-            waiting_requests=lag.n_waiting,
-            open_measurements=lag.n_open,
-            last_received_at=lag.received_at,
-            last_started_at=lag.started_at,
-            mean_judging_s=lag.judging_s,
-        ),
-        axes=status.n_axes,
-        archived_axes=status.n_archived,
-        refused_windows=status.refused_windows,
-        uncharted=status.uncharted,
-    )
-
-
 @router.get("/system", dependencies=[needs(Scope.TRENDS_READ)])
-def get_system(on: Annotated[Services, Depends(services)]) -> SystemOut:
+def get_system(on: ServicesOf) -> SystemOut:
     """Return versions, how far intake is behind, and what was refused of all axes, by reason."""
-    return system_out(system_status(on.database, on.metrics, on.ingest))
+    return SystemOut.model_validate(system_status(on.database, on.metrics, on.ingest))
 
 
-class AuditEntryOut(BaseModel):
+class DeadLetterOut(AnswerModel):
+    """A notice that a receiver never got."""
+
+    notice: Annotated[int, Field(validation_alias="notice_id")]
+    at: datetime
+    error: str
+
+
+class ReceiverOut(ViewModel):
+    """A receiver: how many notices wait for it, since when it takes none, and the last reason."""
+
+    name: str
+    waiting: Annotated[int, Field(validation_alias="n_waiting")]
+    last_told_at: datetime | None
+    failing_since: datetime | None
+    next_try_at: datetime
+    last_error: str | None
+    dead_letters: list[DeadLetterOut]
+
+
+class ReceiversOut(BaseModel):
+    """All that are set up now."""
+
+    receivers: list[ReceiverOut]
+
+
+@router.get("/receivers", dependencies=[needs(Scope.TRENDS_READ)])
+def list_receivers(on: ServicesOf) -> ReceiversOut:
+    """List who is told of alarms, and how that stands."""
+    return ReceiversOut(receivers=on.dispatcher.standings())
+
+
+class AuditEntryOut(AnswerModel):
     """One attempt to change something; `status` is that of the answer, null if the service ended before it gave any."""
-
-    model_config = ConfigDict(from_attributes=True)
 
     id: int
     at: datetime
@@ -96,7 +118,7 @@ class AuditOut(BaseModel):
     next_cursor: int | None
 
 
-class AuditQuery(RequestModel):
+class AuditQuery(TableQuery):
     """Which entries."""
 
     axis: AxisName | None = None
@@ -104,9 +126,63 @@ class AuditQuery(RequestModel):
     limit: Annotated[int, Field(ge=1, le=1000)] = 100
 
 
-@router.get("/audit")
-def list_audit(query: Annotated[AuditQuery, Query()], on: Annotated[Services, Depends(services)]) -> AuditOut:
+@router.get("/audit", response_model=AuditOut, responses={200: TABLE_RESPONSE})
+def list_audit(query: Annotated[AuditQuery, Query()], on: ServicesOf) -> AuditOut | StreamingResponse:
     """List who changed what, newest first."""
-    rows = on.access.log(query.axis, query.cursor, query.limit)
-    entries = [AuditEntryOut.model_validate(row) for row in rows]
-    return AuditOut(entries=entries, next_cursor=rows[-1].id if len(rows) == query.limit else None)
+
+    def page(query: AuditQuery) -> tuple[list[AuditEntryOut], int | None]:
+        rows = on.access.log(query.axis, query.cursor, query.limit)
+        return [AuditEntryOut.model_validate(row) for row in rows], rows[-1].id if len(rows) == query.limit else None
+
+    if query.format is not None:
+        return table("audit", AuditEntryOut, query, page)
+    entries, cursor = page(query)
+    return AuditOut(entries=entries, next_cursor=cursor)
+
+
+class ChangesQuery(RequestModel):
+    """Since when."""
+
+    since: Annotated[str, Field(max_length=200)] | None = Field(default=None, description="mark of an earlier answer")
+
+
+class ChangesOut(BaseModel):
+    """The mark of what is stored now; it says nothing but that it is another one."""
+
+    mark: str
+
+
+@router.get(
+    "/changes",
+    response_model=ChangesOut,
+    responses={304: {"description": "nothing changed since"}},
+    dependencies=[needs(Scope.TRENDS_READ)],
+)
+def get_changes(query: Annotated[ChangesQuery, Query()], on: ServicesOf) -> Response:
+    """Ask whether anything changed: 304 if not, else the new mark. Made to be asked every second."""
+    mark = on.changes.mark()
+    if query.since == mark:
+        return Response(status_code=304)
+    return Response(ChangesOut(mark=mark).model_dump_json(), media_type="application/json")
+
+
+class AdviceOut(AnswerModel):
+    """What a code means, and what to check, the likeliest first; so many rows are of the plant's own file."""
+
+    section: Section
+    code: str
+    says: str
+    look: list[Look]
+    own: Annotated[int, Field(validation_alias="n_own")]
+
+
+class AdviceTableOut(BaseModel):
+    """All that is known."""
+
+    advice: list[AdviceOut]
+
+
+@router.get("/advice", dependencies=[needs(Scope.TRENDS_READ)])
+def list_advice(on: ServicesOf) -> AdviceTableOut:
+    """List what to check for each cause of an alarm, state, refusal and doubt."""
+    return AdviceTableOut(advice=list(on.advice.entries.values()))

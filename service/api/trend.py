@@ -3,24 +3,24 @@
 import hashlib
 import math
 from datetime import datetime
+from functools import partial
 from importlib.metadata import version
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Query, Request, Response
-from pydantic import BaseModel, Field
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import AliasGenerator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from monitor_core.preload import PreloadLadder
 from monitor_core.recording import Rejection
 from monitor_core.response import FrequencyResponse
 from service.api.access import needs
-from service.api.axes import StaleOut, stale_out
-from service.api.maintenance import MaintenanceOut, maintenance_out
-from service.api.services import Services, services
+from service.api.axes import MaintenanceOut, StaleOut
+from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
+from service.api.services import Services, ServicesOf
 from service.documents.history import AlertView, BaselineView, FalseAlarmsView, LineView
 from service.documents.measurement import interval_of, numbers
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisId, Moment, RequestModel, RowId
+from service.operations.fields import AnswerModel, AxisId, Moment, RowId
 from service.operations.monitoring.evidence import OtherJudgement, evidence_of
 from service.operations.monitoring.extremes import thin_out
 from service.operations.monitoring.long_run import projection_of
@@ -59,16 +59,20 @@ class TrendOut(BaseModel):
     stale: Annotated[StaleOut | None, Field(description="while the history is judged anew: by which job")] = None
 
 
-class WindowEntry(BaseModel):
+class WindowEntry(AnswerModel):
     """A window of a measurement and whether it was accepted."""
 
     started_at: datetime
     refusal_reason: str | None
     refusal_detail: str | None
-    let_go: Annotated[bool, Field(description="its waveform is not stored any more")]
+    let_go: Annotated[
+        bool,
+        BeforeValidator(lambda purge: purge is not None),
+        Field(validation_alias="let_go_by", description="its waveform is not stored any more"),
+    ]
 
 
-class GateOut(BaseModel):
+class GateOut(AnswerModel):
     """What a gate read of a measurement; limits are inclusive, null is open."""
 
     gate: Annotated[str, Field(description="reason by which it refuses")]
@@ -79,11 +83,17 @@ class GateOut(BaseModel):
     passed: bool
 
 
-class LadderOut(BaseModel):
+def _without_unit(name: str) -> str:
+    return name.rpartition("_")[0]
+
+
+class LadderOut(AnswerModel):
     """From a frequency to a preload: 1/f² less what each quantity adds to it is the feature, (k3/feature)³ the preload.
 
     The shares of the variance are `variance_shares` of the outcome.
     """
+
+    model_config = ConfigDict(alias_generator=AliasGenerator(validation_alias=_without_unit))
 
     frequency_hz: float
     inverse_square_s2: float
@@ -142,7 +152,7 @@ class EvidenceOut(BaseModel):
     judgements: Annotated[list[JudgementOut], Field(description="by the newest calibrations, those not in force too")]
 
 
-class TrendQuery(RequestModel):
+class TrendQuery(TableQuery):
     """Which part of the trend, and how finely."""
 
     start: Moment | None = Field(default=None, alias="from", description="inclusive")
@@ -186,22 +196,23 @@ def point_out(point: TrendPoint) -> TrendPointOut:
 @router.get(
     "/axes/{axis}/trend",
     response_model=TrendOut,
-    responses={304: {"description": "not modified"}},
+    responses={200: TABLE_RESPONSE, 304: {"description": "not modified"}},
     dependencies=[needs(Scope.TRENDS_READ)],
 )
-def get_trend(
-    axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, on: Annotated[Services, Depends(services)]
-) -> Response:
+def get_trend(axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, on: ServicesOf) -> Response:
     """Return the trend of an axis, refused measurements included."""
+    if query.format is not None:
+        return table(f"{axis}-trend", TrendPointOut, query, partial(_page, axis, on))
     revision, stale = on.trend.revision(axis)
     etag = _etag(query, revision, stale)  # before the trend is read: it is of this revision or a later one
     if etag in _etags(request.headers.get("if-none-match", "")):
         return Response(status_code=304, headers={"ETag": etag})
-    out = _trend(axis, query, on, stale)
+    points, cursor = _page(axis, on, query)
+    out = TrendOut(axis=axis, points=points, next_cursor=cursor, stale=stale)
     return Response(out.model_dump_json(), media_type="application/json", headers={"ETag": etag})
 
 
-def _trend(axis: str, query: TrendQuery, on: Services, stale: Stale | None) -> TrendOut:
+def _page(axis: str, on: Services, query: TrendQuery) -> tuple[list[TrendPointOut], str | None]:
     span, newest_first = Span(query.start, query.end), query.order == "newest-first"
     if query.resolution is not None:
         page = on.trend.at_resolution(axis, span, query.resolution)
@@ -211,8 +222,7 @@ def _trend(axis: str, query: TrendQuery, on: Services, stale: Stale | None) -> T
             axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first, only=query.only
         )
         points = page.points if query.max_points is None else thin_out(page.points, query.max_points)
-    points_out = [point_out(point) for point in points]
-    return TrendOut(axis=axis, points=points_out, next_cursor=page.next_cursor, stale=stale_out(stale))
+    return [point_out(point) for point in points], page.next_cursor
 
 
 def _etag(query: TrendQuery, revision: int, stale: Stale | None) -> str:
@@ -245,7 +255,7 @@ class HistoryOut(BaseModel):
 
 
 @router.get("/axes/{axis}/history", response_model_exclude_unset=True, dependencies=[needs(Scope.TRENDS_READ)])
-def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> HistoryOut:
+def get_history(axis: AxisId, on: ServicesOf) -> HistoryOut:
     """Return what is normal for an axis, where its trend goes, and how often it alarms falsely."""
     history = on.history.of(axis)
     return HistoryOut(
@@ -254,61 +264,32 @@ def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> His
         trend_line=history.line,
         false_alarms=history.false_alarms,
         alert=history.alert,
-        stale=stale_out(history.stale),
-        events=[maintenance_out(row) for row in history.events],
+        stale=history.stale,
+        events=history.events,
     )
 
 
 @router.get("/axes/{axis}/measurements/{measurement}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> MeasurementOut:
+def get_measurement(axis: AxisId, measurement: RowId, on: ServicesOf) -> MeasurementOut:
     """Return one measurement with everything its value rests on."""
     view = on.trend.measurement(axis, measurement)
     row, evidence = view.row, evidence_of(on.database, on.waveforms, axis, view)
-    ladder = evidence.ladder()
     return MeasurementOut(
         measurement_id=row.id,
         measurement=row.name,
         at=row.started_at,
         status=row.status,
         outcome=None if view.outcome is None else view.outcome.document(),
-        windows=[
-            WindowEntry(
-                started_at=w.started_at, refusal_reason=w.refusal_reason, refusal_detail=w.refusal_detail,
-                let_go=w.let_go_by is not None,
-            )
-            for w in view.windows
-        ],
+        windows=view.windows,
         let_go=None if view.let_go is None else str(view.let_go),
         response=view.response,
-        gates=[
-            GateOut(
-                gate=str(read.gate), value=read.value, unit=read.unit, lower=read.lower, upper=read.upper,
-                passed=read.passed,
-            )
-            for read in evidence.gates()
-        ],
-        ladder=None if ladder is None else ladder_out(ladder),
-    )  # fmt: skip
-
-
-def ladder_out(ladder: PreloadLadder) -> LadderOut:
-    """Return the terms of a preload on the wire."""
-    return LadderOut(
-        frequency_hz=ladder.frequency,
-        inverse_square_s2=ladder.inverse_square,
-        payload_s2=ladder.payload,
-        temperature_s2=ladder.temperature,
-        quadratic_s2=ladder.quadratic,
-        linear_s2=ladder.linear,
-        constant_s2=ladder.constant,
-        friction_s2=ladder.friction,
-        feature_s2=ladder.feature,
-        preload_n=ladder.preload,
+        gates=evidence.gates(),
+        ladder=evidence.ladder(),
     )
 
 
 @router.get("/axes/{axis}/measurements/{measurement}/evidence", dependencies=[needs(Scope.TRENDS_READ)])
-def get_evidence(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> EvidenceOut:
+def get_evidence(axis: AxisId, measurement: RowId, on: ServicesOf) -> EvidenceOut:
     """Return the whole response of a measurement with the baseline's, and what other calibrations say of it."""
     view = on.trend.measurement(axis, measurement)
     evidence = evidence_of(on.database, on.waveforms, axis, view)
@@ -369,20 +350,16 @@ class ProjectionOut(BaseModel):
 
 
 @router.get("/axes/{axis}/projection", dependencies=[needs(Scope.TRENDS_READ)])
-def get_projection(axis: AxisId, on: Annotated[Services, Depends(services)]) -> ProjectionOut:
+def get_projection(axis: AxisId, on: ServicesOf) -> ProjectionOut:
     """Project the trend from the onset of the alarm that stands, or the newest measurements: empty of too few."""
-    found = projection_of(on.database, axis)
-    if found is None:
+    line = projection_of(on.database, axis)
+    if line is None:
         return ProjectionOut(axis=axis, since=None, n_measurements=0, slope_n_per_day=None, points=[])
-    columns = zip(found.at, found.preload_n, found.lower_n, found.upper_n, strict=True)
     points = [
         ProjectedPointOut(at=at, preload_n=preload, interval_95_n=(lower, upper))
-        for at, preload, lower, upper in columns
+        for at, preload, lower, upper in zip(line.at, line.preload_n, line.lower_n, line.upper_n, strict=True)
     ]
     return ProjectionOut(
-        axis=axis,
-        since=found.since,
-        n_measurements=found.n_measurements,
-        slope_n_per_day=found.slope_n_per_day,
+        axis=axis, since=line.since, n_measurements=line.n_measurements, slope_n_per_day=line.slope_n_per_day,
         points=points,
-    )
+    )  # fmt: skip

@@ -20,7 +20,7 @@ from service.api.http.samples import Samples
 from service.api.services import Services, services
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisId, AxisName, RequestModel, StatedOfWindow
+from service.operations.fields import AnswerModel, AxisId, AxisName, RequestModel, StatedOfWindow
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
 
@@ -107,7 +107,7 @@ class WindowsIn(RequestModel):
     )
 
 
-class WindowOut(BaseModel):
+class WindowOut(AnswerModel):
     """What became of one window."""
 
     started_at: datetime
@@ -224,15 +224,6 @@ def _answer(receipt: IngestReceipt) -> WindowsOut:
         accepted=counts[WindowStatus.ACCEPTED],
         refused=counts[WindowStatus.REFUSED],
         already_there=counts[WindowStatus.ALREADY_THERE],
-        windows=[
-            WindowOut(
-                started_at=item.started_at,
-                measurement=item.measurement,
-                status=item.status.value,
-                reason=item.reason,
-                detail=item.detail,
-            )
-            for item in receipt.windows
-        ],
+        windows=receipt.windows,
         measurements=[measured.document() for measured in receipt.measurements],
     )

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from monitor_core.errors import MonitorCoreError
 from service.blas_threads import compute_in_one_thread
-from service.errors import ServiceError
+from service.errors import ServiceError, first_refusal
 
 #: What each command does. Each is in a module of its name, imported when it is asked for: most need neither web nor
 #: database, and the list of commands needs none of them.
@@ -93,8 +93,7 @@ def main() -> None:
     except (MonitorCoreError, ServiceError, OSError) as error:
         _refuse(str(error))
     except ValidationError as error:  # only Settings are validated on this side
-        first = error.errors()[0]
-        _refuse(f"setting {'.'.join(map(str, first['loc']))}: {first['msg']}; got {first['input']}")
+        _refuse(f"setting {first_refusal(error)}")
     except (click.Abort, KeyboardInterrupt):
         click.echo("stopped", err=True)
         sys.exit(1)

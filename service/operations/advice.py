@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from service.errors import DataFolderError
+from service.errors import DataFolderError, first_refusal
 
 TABLE = Path(__file__).parent / "advice.toml"
 
@@ -94,6 +94,4 @@ def _read(path: Path) -> dict[Section, dict[str, _Entry]]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise DataFolderError(f"the advice in {path} cannot be read: {error}") from error
     except ValidationError as error:
-        first = error.errors(include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"] if part != "[key]") or "the file"
-        raise DataFolderError(f"the advice in {path}: {where}: {first['msg']}") from error
+        raise DataFolderError(f"the advice in {path}: {first_refusal(error, shows_input=False)}") from error

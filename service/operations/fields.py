@@ -7,6 +7,9 @@ from typing import Annotated
 from fastapi import Path
 from pydantic import (
     AfterValidator,
+    AliasChoices,
+    AliasGenerator,
+    AliasPath,
     AllowInfNan,
     AwareDatetime,
     BaseModel,
@@ -33,6 +36,20 @@ class RequestModel(BaseModel):
     """Base of everything that a client sends: unknown members are refused, and nothing is changed afterwards."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class AnswerModel(BaseModel):
+    """Base of what is answered as it is stored: it is read from the attributes of a row or a record."""
+
+    model_config = ConfigDict(from_attributes=True, populate_by_name=True)  # by name: programs read answers with it
+
+
+class ViewModel(AnswerModel):
+    """Base of what is answered of a view: read from an attribute of its own, or else of its row."""
+
+    model_config = ConfigDict(
+        alias_generator=AliasGenerator(validation_alias=lambda name: AliasChoices(name, AliasPath("row", name)))
+    )
 
 
 _RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Form, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from service.api.access import needs
-from service.api.alarms import AlarmOut, ExaminedOut, alarm_out
+from service.api.alarms import AlarmOut, ExaminedOut
 from service.api.services import Services, ServicesOf
 from service.clock import now
 from service.documents.axis_sentence import alarm_sentence
@@ -78,7 +78,7 @@ def _lines(views: Sequence[AlarmView], names: dict[str, str]) -> list[ListedAlar
         last = view.last_to(view.row.status)
         lines.append(
             ListedAlarm(
-                alarm_out(view),
+                AlarmOut.model_validate(view),
                 read_evidence(view.row.evidence),
                 names.get(view.row.axis_id, view.row.axis_id),
                 None if last is None else last.who,
@@ -102,7 +102,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
     view = on.alarms.get(alarm)
     status = on.trend.status(view.row.axis_id)
     evidence = read_evidence(view.row.evidence)
-    told = alarm_out(view)
+    told = AlarmOut.model_validate(view)
     present = _present(view.row.axis_id, on)
     return page.show(
         "alarm.html",

@@ -8,9 +8,9 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Query, Response
 
 from service.api.access import needs
-from service.api.alarms import AlarmOut, alarm_out
-from service.api.axes import axis_out
-from service.api.jobs import JobOut, job_out
+from service.api.alarms import AlarmOut
+from service.api.axes import AxisOut
+from service.api.jobs import JobOut
 from service.api.services import Services, ServicesOf
 from service.documents.axis_sentence import standing
 from service.documents.measurement import interval_of
@@ -58,7 +58,7 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
     listed = on.trend.page(axis, query.listed, cursor=query.before, limit=_LISTED, newest_first=True, only=only)
     return page.show(
         "axis.html",
-        axis=axis_out(status),
+        axis=AxisOut.model_validate(status),
         standing=standing(facts_of(status, overview, alarms, history.alert)),
         last=status.last,
         history=history,
@@ -66,7 +66,7 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
         calibration=active,
         latest_calibration=max((row.id for row in overview.calibrations), default=None),
         activations=overview.activations,
-        alarms=[alarm_out(view) for view in alarms],
+        alarms=[AlarmOut.model_validate(view) for view in alarms],
         alarm=open_alarm(alarms),
         open_alarm=_first_open(alarms),
         listed=[Listed(point, interval_of(point)) for point in listed.points],
@@ -82,7 +82,8 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
 
 
 def _first_open(alarms: Sequence[AlarmView]) -> AlarmOut | None:
-    return next((alarm_out(view) for view in alarms if view.row.status in ("active", "acknowledged")), None)
+    is_open = (AlarmOut.model_validate(view) for view in alarms if view.row.status in ("active", "acknowledged"))
+    return next(is_open, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +167,7 @@ def sections_of(axis: str, on: Services, history: AxisHistory) -> Sections:
     return Sections(
         work=newest_first[:MOST_LISTED],
         n_work=len(newest_first),
-        jobs=[job_out(row) for row in on.jobs.list(axis, MOST_LISTED)],
+        jobs=[JobOut.model_validate(row) for row in on.jobs.list(axis, MOST_LISTED)],
         quality=_quality_of(axis, on),
         n_pins=count_pins(on.database, axis),
     )

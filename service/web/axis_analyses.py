@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError
 from monitor_core.errors import MonitorCoreError
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
-from service.errors import ServiceError
+from service.errors import ServiceError, first_refusal
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.analysis_job import MOST_MEASUREMENTS
@@ -101,7 +101,7 @@ def _begin(axis: str, question: Question, page: Page, on: Services, form: Analys
     try:
         row = _begun(axis, question, form, on)
     except ValidationError as error:
-        return _page(axis, question, page, on, form, refusal=error.errors()[0]["msg"])
+        return _page(axis, question, page, on, form, refusal=first_refusal(error))
     except (ServiceError, MonitorCoreError) as error:
         return _page(axis, question, page, on, form, refusal=str(error))
     return done(f"/jobs/{row.id}", "begun")

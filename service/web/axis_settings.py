@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
-from service.errors import InvalidRequestError, PreconditionError
+from service.errors import InvalidRequestError, PreconditionError, first_refusal
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Label
@@ -183,8 +183,4 @@ def _conflict(axis: str, page: Page, on: Services, form: ChangeForm) -> Response
 
 
 def _sentence(error: ValidationError | InvalidRequestError) -> str:
-    if isinstance(error, InvalidRequestError):
-        return str(error)
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return f"{where}: {first['msg']}" if where else first["msg"].removeprefix("Value error, ")
+    return str(error) if isinstance(error, InvalidRequestError) else first_refusal(error)

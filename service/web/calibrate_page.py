@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from monitor_core.errors import MonitorCoreError
 from monitor_core.recordings.elements.units import to_millimetres
 from service.api.access import needs
-from service.api.calibrating import plan_out
-from service.api.jobs import job_out
+from service.api.calibrating import CalibrationPlanOut
+from service.api.jobs import JobOut
 from service.api.services import Services, ServicesOf
 from service.documents.said import N_
 from service.errors import ConflictError, InvalidRequestError, PreconditionError, status_of
@@ -184,7 +184,7 @@ def _calibrate_page(
         plan = calibration_plan(on.database, axis, form.asked())
     except (InvalidRequestError, MonitorCoreError) as error:
         refusal, status, plan = refusal or str(error), 422, calibration_plan(on.database, axis, PlanIn())
-    shown = plan_out(plan)
+    shown = CalibrationPlanOut.model_validate(plan)
     return page.show(
         "calibrate.html",
         status=status,
@@ -194,7 +194,7 @@ def _calibrate_page(
         n_usable=len(plan.usable),
         charts=settings_charts(page.words, plan),
         form=form,
-        job=None if newest is None else job_out(newest),
+        job=None if newest is None else JobOut.model_validate(newest),
         calibrations=overview.calibrations,
         active=overview.active,
         activations=overview.activations,

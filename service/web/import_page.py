@@ -13,7 +13,7 @@ from starlette.datastructures import FormData
 
 from monitor_core.errors import MonitorCoreError
 from service.api.access import needs
-from service.api.jobs import job_out
+from service.api.jobs import JobOut
 from service.api.recordings import receive, recording_out
 from service.api.services import Services, ServicesOf
 from service.documents.map_form import MapTable, filled_map, map_tables
@@ -134,7 +134,7 @@ def _recording_page(
         status=status,
         axis=on.axes.get(view.row.axis_id),
         recording=recording_out(view),
-        job=job_out(view.job),
+        job=JobOut.model_validate(view.job),
         found=found,
         tables=tables,
         typed=typed or {},

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Form, Response
 from pydantic import BaseModel
 
 from service.api.access import needs
-from service.api.jobs import JobOut, job_out
+from service.api.jobs import JobOut
 from service.api.services import ServicesOf
 from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import DiscrepancyIn, FoundDiscrepancy
@@ -65,7 +65,7 @@ class CancelForm(BaseModel):
 @router.get("/jobs/{job}", dependencies=[needs(Scope.TRENDS_READ)])
 def job_page(job: JobId, page: PageOf, on: ServicesOf) -> Response:
     """Show a job, its progress or its result."""
-    out = job_out(on.jobs.get(job))
+    out = JobOut.model_validate(on.jobs.get(job))
     return page.show(
         "job.html",
         job=out,

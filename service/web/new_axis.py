@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from monitor_core.errors import MonitorCoreError
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
-from service.errors import ConflictError, ServiceError, status_of
+from service.errors import ConflictError, ServiceError, first_refusal, status_of
 from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import AxisProposal, CatalogueIn, axis_proposal
 from service.operations.fields import AxisName, Label
@@ -71,9 +71,7 @@ def register_axis(page: PageOf, form: Annotated[NewAxisForm, Form()], on: Servic
         )
         on.axes.register(axis_id, _LABEL.validate_python(name), configuration, only_new=True)
     except ValidationError as error:
-        return _page(
-            page, form, on, proposal, refusal=f"name: {error.errors()[0]['msg']}; got {name[:50]!r}", status=422
-        )
+        return _page(page, form, on, proposal, refusal=f"name: {first_refusal(error)}", status=422)
     except ConflictError as error:
         return _page(page, form, on, proposal, refusal=str(error), status=409)
     except (ServiceError, MonitorCoreError) as error:
@@ -95,8 +93,7 @@ def _proposal(form: NewAxisForm) -> tuple[AxisProposal | None, str]:
     try:
         return axis_proposal(form.catalogue()), ""
     except ValidationError as error:
-        first = error.errors()[0]
-        return None, f"{first['loc'][0]}: {first['msg']}; got {str(first['input'])[:50]!r}"
+        return None, first_refusal(error)
     except MonitorCoreError as error:
         return None, str(error)
 

@@ -6,11 +6,10 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import Field
 
 from service.api.access import needs
-from service.api.jobs import job_out
-from service.api.receivers import receivers_out
+from service.api.jobs import JobOut
 from service.api.retention import retention_out
 from service.api.services import ServicesOf
-from service.api.system import system_out
+from service.api.system import ReceiverOut, SystemOut
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.system import system_status
@@ -35,10 +34,10 @@ def system_page(page: PageOf, query: Annotated[SystemQuery, Query()], request: R
     may_read_log = Scope.ADMIN in request.state.caller.scopes
     return page.show(
         "system.html",
-        system=system_out(system_status(on.database, on.metrics, on.ingest)),
+        system=SystemOut.model_validate(system_status(on.database, on.metrics, on.ingest)),
         storage=retention_out(on.surveys.newest()),
-        jobs=[job_out(row) for row in on.jobs.list(None, _MOST_JOBS)],
-        receivers=receivers_out(on).receivers,
+        jobs=[JobOut.model_validate(row) for row in on.jobs.list(None, _MOST_JOBS)],
+        receivers=[ReceiverOut.model_validate(standing) for standing in on.dispatcher.standings()],
         log=on.access.log(None, query.before, _MOST_ENTRIES) if may_read_log else None,
         most_entries=_MOST_ENTRIES,
     )

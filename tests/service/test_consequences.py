@@ -29,7 +29,9 @@ def learnt(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
 
 def outlook(api: Api, name: str = AXIS, **settings: Any) -> dict[str, Any]:
     configuration = api.axis(AXIS)["configuration"] | settings
-    answer = api.http.post(f"/v1/axes/{AXIS}/consequences", json={"name": name, "configuration": configuration})
+    answer = api.http.put(
+        f"/v1/axes/{AXIS}", params={"dry_run": True}, json={"name": name, "configuration": configuration}
+    )
     assert answer.status_code == 200, answer.text
     return answer.json()
 

@@ -8,9 +8,11 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from service.cli.remote.client import window_document
-from service.errors import STATUS_OF_ERROR, ServiceError, status_of
+from service.errors import STATUS_OF_ERROR, ServiceError, first_refusal, status_of
+from service.operations.monitoring.axis_configuration import AxisConfiguration
 from tests.service.conftest import Api, assert_problem, running_service, simulated_measurement
 from tests.service.test_ingest import as_base64, as_lists
 
@@ -213,3 +215,18 @@ def test_table_from_error_to_status() -> None:
     for kind, status, name in STATUS_OF_ERROR:
         assert status_of(kind("x")) == (status, name)
     assert status_of(RuntimeError("x")) == (500, "internal-error")
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"search_band_hz": (230, 140)}, "search_band_hz must be [low, high] with low < high; got [230.0, 140.0]"),
+        ({"false_alarms_per_year": -1}, "false_alarms_per_year: Input should be greater than 0; got -1"),
+        ({"machine": "\n"}, "machine: String should match pattern '^[^\\x00-\\x1f\\x7f]+$'; got '\\n'"),
+    ],
+)
+def test_what_a_model_refuses_is_one_sentence(settings: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        AxisConfiguration(**settings)
+    assert first_refusal(refused.value) == sentence
+    assert "; got" not in first_refusal(refused.value, shows_input=False).replace("got [230.0, 140.0]", "")

@@ -86,8 +86,10 @@ def test_a_refusal_carries_its_document(service: Client) -> None:
         service.axis("nobody")
     assert (caught.value.status, caught.value.name) == (404, "unknown-resource")
     assert caught.value.document["detail"] == caught.value.detail
-    with pytest.raises(ProblemError, match="format must be csv or parquet"):
-        service.table("/v1/axes", "axes.xml")
+    with pytest.raises(ProblemError, match="Input should be 'csv' or 'parquet'; got 'xml'"):
+        service.table("/v1/alarms", "alarms.xml")
+    with pytest.raises(ValueError, match="/v1/machines is no table"):
+        service.table("/v1/machines", "machines.csv")
     with pytest.raises(ProblemError, match="no alarm"):
         service.acknowledge(7, "seen")
 

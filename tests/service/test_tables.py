@@ -1,4 +1,4 @@
-"""Every list is a table as well: the same records, in bounded memory, safe to open in a spreadsheet."""
+"""Trend, alarms and log are tables as well: the same records, in bounded memory, safe to open in a spreadsheet."""
 
 import asyncio
 import io
@@ -10,35 +10,32 @@ import tracemalloc
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
-from fastapi import FastAPI, Query
 from pydantic import BaseModel
 
-from service.api.http.tables import export, writers
-from service.api.http.tables.columns import Column, Kind
-from service.api.http.tables.export import Tables
-from service.api.http.tables.lists import ListRoute, list_routes
-from service.api.http.tables.writers import CsvWriter
+from service.api.alarms import AlarmOut
+from service.api.http import tables
+from service.api.http.tables import Column, TableQuery, columns_of, table
+from service.api.system import AuditEntryOut
+from service.api.trend import TrendPointOut
 from service.clock import text_of
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, AlarmRow
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
 
 SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.session.h5"
-#: Written out: a list that is not among them is one whose description does not say that it is a list.
+#: With the name of the list in JSON and the class of its records; windows have a format of their own.
 LISTS = {
-    "/v1/advice", "/v1/alarms", "/v1/audit", "/v1/axes", "/v1/axes/{axis}/calibration-plan",
-    "/v1/axes/{axis}/calibrations", "/v1/axes/{axis}/history", "/v1/axes/{axis}/maintenance",
-    "/v1/axes/{axis}/measurements/{measurement}/evidence", "/v1/axes/{axis}/pins", "/v1/axes/{axis}/projection",
-    "/v1/axes/{axis}/recordings", "/v1/axes/{axis}/trend", "/v1/drive-model", "/v1/jobs", "/v1/machines",
-    "/v1/receivers", "/v1/retention", "/v1/sessions",
-}  # fmt: skip
+    "/v1/axes/{axis}/trend": ("points", TrendPointOut),
+    "/v1/alarms": ("alarms", AlarmOut),
+    "/v1/audit": ("entries", AuditEntryOut),
+}
 
 
 EVIDENCE = {
@@ -77,11 +74,7 @@ def filled(shared_api: Api) -> Api:
     return shared_api
 
 
-def routes(api: Api) -> dict[str, ListRoute]:
-    return list_routes(api.http.get("/openapi.json").json())
-
-
-def read_csv(content: bytes, columns: tuple[Column, ...]) -> list[dict[str, str | None]]:
+def read_csv(content: bytes, columns: list[Column]) -> list[dict[str, str | None]]:
     """Read a table by another library, which tells an empty cell from an empty text."""
     kinds = {column.name: pa.string() for column in columns}
     options = pyarrow.csv.ConvertOptions(
@@ -91,13 +84,13 @@ def read_csv(content: bytes, columns: tuple[Column, ...]) -> list[dict[str, str 
     return pyarrow.csv.read_csv(io.BytesIO(content), convert_options=options, parse_options=parsing).to_pylist()
 
 
-def value_of(cell: Any, kind: Kind) -> Any:
+def value_of(cell: Any, kind: type) -> Any:
     """Undo what was written, by the documented rules."""
     if isinstance(cell, datetime):
         return text_of(cell)
     if not isinstance(cell, str):
-        return json.loads(cell) if kind is Kind.DOCUMENT and cell is not None else cell
-    if kind in (Kind.TEXT, Kind.MOMENT):
+        return json.loads(cell) if kind is dict and cell is not None else cell
+    if kind in (str, datetime):
         return cell
     return json.loads(cell)
 
@@ -106,76 +99,62 @@ def unmarked(cell: str | None) -> str | None:
     return cell[1:] if cell is not None and re.match(r"'+[=+\-@\t\r]", cell) else cell
 
 
-#: Records that may be missing: then each of their columns is empty.
-OPTIONAL: dict[str, dict[str, Any]] = {
-    "preload_left": {"share": None, "interval_95": None},
-    "stale": {"job": None, "calibration": None},
-}
-
-
-def flat(record: Any, prefix: str = "") -> dict[str, Any]:
-    """Flatten a record of JSON by hand, as far as a table does: nested records and pairs."""
-    if not isinstance(record, dict):
-        return {prefix: record}
-    found: dict[str, Any] = {}
+def flat(record: dict[str, Any]) -> dict[str, Any]:
+    """Flatten a record of JSON by hand."""
+    cells: dict[str, Any] = {}
     for name, value in record.items():
-        path = f"{prefix}{name}"
-        nested = OPTIONAL.get(name) if value is None else value
-        if isinstance(nested, dict) and name in ("configuration", "job", *OPTIONAL):
-            found |= flat(nested, f"{path}.")
-        elif name in ("interval_95", "interval_95_n", "search_band_hz"):
+        if name == "interval_95_n":
             lower, upper = value or (None, None)
-            found |= {f"{path}.lower": lower, f"{path}.upper": upper}
+            cells |= {f"{name}.lower": lower, f"{name}.upper": upper}
         else:
-            found[path] = value
-    return found
+            cells[name] = value
+    return cells
 
 
-def whole(api: Api, path: str, name: str, most: int | None) -> list[Any]:
+def whole(api: Api, path: str, name: str) -> list[Any]:
     """Return all records of a list, page by page."""
     records, cursor = [], None
     while True:
-        query = ({} if most is None else {"limit": 2}) | ({} if cursor is None else {"cursor": cursor})
+        query = {"limit": 2} | ({} if cursor is None else {"cursor": cursor})
         answer = api.http.get(path, params=query).raise_for_status().json()
         records += answer[name]
-        cursor = answer.get("next_cursor")
+        cursor = answer["next_cursor"]
         if cursor is None:
             return records
 
 
-def test_every_list_is_offered_in_both_formats(filled: Api) -> None:
+def test_the_lists_that_are_tables_say_so(filled: Api) -> None:
     document = filled.http.get("/openapi.json").json()
-    assert set(list_routes(document)) == LISTS
-    for path, item in document["paths"].items():
-        content = item.get("get", {}).get("responses", {}).get("200", {}).get("content", {})
-        reference = content.get("application/json", {}).get("schema", {}).get("$ref", "").rpartition("/")[2]
-        members = document["components"]["schemas"].get(reference, {}).get("properties", {})
-        is_list = any(member.get("type") == "array" for member in members.values()) and not path.endswith("}")
-        assert is_list == ({"text/csv", "application/vnd.apache.parquet"} <= set(content)), path
-        assert is_list <= ("format" in {each["name"] for each in item.get("get", {}).get("parameters", ())})
+    offered = {
+        path
+        for path, item in document["paths"].items()
+        if "application/vnd.apache.parquet"
+        in item.get("get", {}).get("responses", {}).get("200", {}).get("content", {})
+    }
+    assert offered == set(LISTS)
+    for path in offered:
+        get = document["paths"][path]["get"]
+        assert "format" in {each["name"] for each in get["parameters"]}
+        assert set(get["responses"]["200"]["content"]) >= {"application/json", "text/csv"}
 
 
 @pytest.mark.parametrize("template", sorted(LISTS))
 def test_a_table_holds_what_the_json_holds(filled: Api, template: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(export, "ROWS_OF_PAGE", 2)  # several pages, and several groups of rows
-    monkeypatch.setattr(writers, "ROWS_OF_GROUP", 3)
-    path, route = template.replace("{axis}", "mill").replace("{measurement}", "1"), routes(filled)[template]
-    for name, columns in route.lists.items():
-        kinds = {column.name: column.kind for column in columns}
-        answers = {
-            kind: filled.http.get(path, params={"format": kind, "list": name}) for kind in ("csv", "parquet")
-        }  # of the log, before anything else is asked for
-        expected = [flat(record, "" if isinstance(record, dict) else name) for record in whole(
-            filled, path, name, route.most)]  # fmt: skip
-        assert answers["csv"].headers["content-type"] == "text/csv; charset=utf-8"
-        assert answers["csv"].headers["content-disposition"].startswith("attachment; filename=")
-        rows = read_csv(answers["csv"].content, columns)
-        assert [{k: value_of(unmarked(v), kinds[k]) for k, v in row.items()} for row in rows] == expected
-        table = pq.read_table(io.BytesIO(answers["parquet"].content))
-        assert table.column_names == [column.name for column in columns]
-        assert [{k: value_of(v, kinds[k]) for k, v in row.items()} for row in table.to_pylist()] == expected
-    if template in ("/v1/axes/{axis}/trend", "/v1/alarms", "/v1/audit"):
-        assert len(table) > 2
+    monkeypatch.setattr(tables, "ROWS_OF_PAGE", 2)  # several pages, and several groups of rows
+    monkeypatch.setattr(tables, "ROWS_OF_GROUP", 3)
+    path, (name, record) = template.replace("{axis}", "mill"), LISTS[template]
+    columns = columns_of(record)
+    kinds = {column.name: column.type for column in columns}
+    answers = {kind: filled.http.get(path, params={"format": kind}) for kind in ("csv", "parquet")}
+    expected = [flat(each) for each in whole(filled, path, name)]
+    assert len(expected) > 2
+    assert answers["csv"].headers["content-type"] == "text/csv; charset=utf-8"
+    assert answers["csv"].headers["content-disposition"].startswith("attachment; filename=")
+    rows = read_csv(answers["csv"].content, columns)
+    assert [{k: value_of(unmarked(v), kinds[k]) for k, v in row.items()} for row in rows] == expected
+    parquet = pq.read_table(io.BytesIO(answers["parquet"].content))
+    assert parquet.column_names == [column.name for column in columns]
+    assert [{k: value_of(v, kinds[k]) for k, v in row.items()} for row in parquet.to_pylist()] == expected
 
 
 def test_a_trend_has_moments_numbers_and_units(filled: Api) -> None:
@@ -207,25 +186,20 @@ def test_a_table_is_no_page_of_json_that_is_known(filled: Api) -> None:
     assert "etag" not in answer.headers
 
 
-@pytest.mark.parametrize(
-    ("query", "status", "name", "sentence"),
-    [
-        ({"format": "xml"}, 422, "invalid-request", "format must be csv or parquet; got 'xml'"),
-        ({"format": "csv", "list": "no"}, 422, "invalid-request", "list must be calibrations or history; got 'no'"),
-        ({"format": "csv"}, 404, "unknown-resource", "nobody"),
-    ],
-)
-def test_a_refusal_is_one_sentence(filled: Api, query: dict[str, str], status: int, name: str, sentence: str) -> None:
-    axis = "nobody" if status == 404 else "mill"
-    answer = filled.http.get(f"/v1/axes/{axis}/calibrations", params=query)
-    assert sentence in assert_problem(answer, status, name)["detail"]
+def test_a_refusal_is_one_sentence(filled: Api) -> None:
+    answer = filled.http.get("/v1/axes/mill/trend", params={"format": "xml"})
+    assert "/query/format: Input should be 'csv' or 'parquet'; got 'xml'" in assert_problem(
+        answer, 422, "invalid-request"
+    )["detail"]  # fmt: skip
+    answer = filled.http.get("/v1/axes/nobody/trend", params={"format": "csv"})
+    assert "nobody" in assert_problem(answer, 404, "unknown-resource")["detail"]
 
 
 def test_without_pyarrow_parquet_is_refused_and_csv_is_not(filled: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    answer = filled.http.get("/v1/axes", params={"format": "parquet"})
+    answer = filled.http.get("/v1/alarms", params={"format": "parquet"})
     assert "ask for format=csv" in assert_problem(answer, 406, "not-acceptable")["detail"]
-    assert filled.http.get("/v1/axes", params={"format": "csv"}).status_code == 200
+    assert filled.http.get("/v1/alarms", params={"format": "csv"}).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -237,8 +211,8 @@ def test_without_pyarrow_parquet_is_refused_and_csv_is_not(filled: Api, monkeypa
     ],
 )  # fmt: skip
 def test_text_is_not_computed_by_a_spreadsheet_and_numbers_are_numbers(value: object, cell: str) -> None:
-    column = Column("x", ("x",), Kind.TEXT)
-    assert CsvWriter([column]).add([{"x": value}]).decode() == f"{cell}\r\n"
+    column = Column("x", "x", None, dict if isinstance(value, list) else str)
+    assert tables._text(column.cell({"x": value})) == cell
 
 
 class NumberOut(BaseModel):
@@ -246,48 +220,27 @@ class NumberOut(BaseModel):
     name: str
 
 
-class NumbersOut(BaseModel):
-    numbers: list[NumberOut]
-    next_cursor: int | None
-
-
-def counting(n_rows: int) -> FastAPI:
-    """Return an application with one long list."""
-    app = FastAPI()
-
-    @app.get("/v1/numbers")
-    def numbers(cursor: int = 0, limit: Annotated[int, Query(le=1000)] = 50) -> NumbersOut:
-        end = min(cursor + limit, n_rows)
-        found = [NumberOut(number=number, name=f"number {number}") for number in range(cursor, end)]
-        return NumbersOut(numbers=found, next_cursor=None if end == n_rows else end)
-
-    app.add_middleware(Tables)
-    return app
+class NumbersQuery(TableQuery):
+    cursor: int = 0
+    limit: int = 50
 
 
 def peak_of(n_rows: int, kind: str, allocated: Callable[[], int]) -> tuple[int, int]:
-    """Return how many bytes were sent, and the most that was allocated meanwhile."""
-    app, sent, peak = counting(n_rows), 0, 0
+    """Return how many bytes of one long list were sent, and the most that was allocated meanwhile."""
 
-    async def read() -> None:
-        nonlocal sent, peak
-        scope = {"type": "http", "method": "GET", "path": "/v1/numbers", "query_string": f"format={kind}".encode(),
-                 "headers": [], "http_version": "1.1", "scheme": "http", "server": ("x", 80), "root_path": "",
-                 "asgi": {"version": "3.0", "spec_version": "2.4"}, "client": ("127.0.0.1", 1)}  # fmt: skip
+    def numbers(query: NumbersQuery) -> tuple[list[NumberOut], int | None]:
+        end = min(query.cursor + query.limit, n_rows)
+        records = [NumberOut(number=number, name=f"number {number}") for number in range(query.cursor, end)]
+        return records, None if end == n_rows else end
 
-        async def never() -> dict[str, str]:
-            await asyncio.sleep(3600)
-            return {"type": "http.disconnect"}
-
-        async def send(message: Any) -> None:
-            nonlocal sent, peak
-            sent += len(message.get("body", b""))
+    async def read() -> tuple[int, int]:
+        sent = peak = 0
+        async for part in table("numbers", NumberOut, NumbersQuery(format=kind), numbers).body_iterator:
+            sent += len(part)
             peak = max(peak, allocated())
+        return sent, peak
 
-        await app(scope, never, send)
-
-    asyncio.run(read())
-    return sent, peak
+    return asyncio.run(read())
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])

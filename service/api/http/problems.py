@@ -11,7 +11,14 @@ from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
 from monitor_core.errors import MonitorCoreError
-from service.errors import BodyTooSlowError, ServiceError, TooManyTriesError, UnauthenticatedError, status_of
+from service.errors import (
+    BodyTooSlowError,
+    ServiceError,
+    TooManyTriesError,
+    UnauthenticatedError,
+    sentence_of,
+    status_of,
+)
 from service.json_types import Json, JsonObject
 
 MEDIA_TYPE = "application/problem+json"
@@ -101,7 +108,7 @@ def install_problem_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:
-        items = [{"pointer": _pointer(item["loc"]), "detail": _sentence(item)} for item in error.errors()]
+        items = [{"pointer": _pointer(item["loc"]), "detail": _detail(item)} for item in error.errors()]
         first, more = items[0], f" (and {len(items) - 1} more)" if len(items) > 1 else ""
         return problem(
             422, "invalid-request", f"{first['pointer'] or 'body'}: {first['detail']}{more}", errors=items[:50]
@@ -132,12 +139,7 @@ def _pointer(location: tuple[int | str, ...]) -> str:
     return "".join("/" + part.replace("~", "~0").replace("/", "~1") for part in parts)
 
 
-def _sentence(item: ErrorDetails) -> str:
-    """Return what was expected and, where it is short enough to be shown, what was got."""
-    message = str(item["msg"]).removeprefix("Value error, ")
+def _detail(item: ErrorDetails) -> str:
     if item["type"] == "json_invalid":
-        return f"the body is not JSON: {item.get('ctx', {}).get('error', message)}"
-    got = item.get("input")
-    if isinstance(got, str | int | float | None) and item["type"] != "missing" and "got" not in message:
-        message += f"; got {str(got)[:50]!r}" if isinstance(got, str) else f"; got {got}"
-    return message
+        return f"the body is not JSON: {item.get('ctx', {}).get('error', item['msg'])}"
+    return sentence_of(item)

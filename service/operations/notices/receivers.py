@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, HttpUrl, SecretStr, ValidationError, model_validator
 
-from service.errors import DataFolderError
+from service.errors import DataFolderError, first_refusal
 
 #: A secret that begins so is the base64 of a key, as Standard Webhooks writes it.
 ENCODED = "whsec_"
@@ -112,9 +112,7 @@ def read_receivers(path: Path | None) -> Receivers:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise DataFolderError(f"the receivers in {path} cannot be read: {error}") from error
     except ValidationError as error:
-        first = error.errors(include_input=False)[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise DataFolderError(f"the receivers in {path}: {where}: {first['msg']}") from error
+        raise DataFolderError(f"the receivers in {path}: {first_refusal(error, shows_input=False)}") from error
     logins: list[Mail | Broker] = [*receivers.mail, *receivers.mqtt]
     for file in (*(each.secret_file for each in receivers.webhook), *(each.password_file for each in logins)):
         if file is not None:

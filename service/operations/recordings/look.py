@@ -19,7 +19,7 @@ from monitor_core.recordings.raw.mapping.imported import LeftOut, import_session
 from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT, open_session, write_session
 from service.clock import text_of
 from service.documents.recording import ChannelEntry
-from service.errors import BodyTooLargeError
+from service.errors import BodyTooLargeError, first_refusal
 from service.operations.fields import MOST_SAMPLES, StatedOfWindow
 from service.store.recordings import Room, not_taken
 from service.store.window_format import size_of
@@ -154,10 +154,7 @@ class _Windows:
                 preload_n=conditions.preload,
             )
         except ValidationError as error:
-            first = error.errors()[0]
-            name, message = first["loc"][0], first["msg"].removeprefix("Value error, ")
-            got = "" if "got" in message else f"; got {str(first['input'])[:50]!r}"
-            raise RecordingFormatError(f"{where}, {name}: {message}{got}") from error
+            raise RecordingFormatError(f"{where}, {first_refusal(error)}") from error
         if window.started_at == self._last_start:
             raise RecordingFormatError(
                 f"{where}: expected windows that start at different times; two start at {text_of(window.started_at)}"
