@@ -26,6 +26,7 @@ from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.families import build_model
 from monitor_core.recordings.model_file import parse_model
+from service.documents.explanation_sentences import next_measurement
 from tests.hidden_effects.frequencies import (
     DESIGNS,
     PLANTS,
@@ -167,19 +168,14 @@ def answer(job: Job, first_seed: int) -> Answered:
     candidates = subject.candidates(sizes_of_drive(subject.physics({}), case.table))
     found = explain_comparison(comparison, subject, candidates)
     true_keys = frozenset(key for key in case.truth if not key.startswith(OUTSIDE))
-    same_as = [
-        [remark.rpartition(" ")[2] for remark in effect.remarks if remark.startswith("the same")]
-        for effect in found.effects
-    ]
     return Answered(
         job,
         true_keys,
         found.outcome,
-        tuple(frozenset((effect.key, *same, *effect.equivalent_to))
-              for effect, same in zip(found.effects, same_as, strict=True)),
+        tuple(frozenset((effect.key, *effect.aliases, *effect.equivalent_to)) for effect in found.effects),
         tuple(effect.key for effect in found.effects),
         admits(found.candidates, case),
-        found.next_measurement,
+        next_measurement(found.next_steps),
         (found.gap.before.fit / found.gap.noise_floor, found.gap.after.fit / found.gap.noise_floor),
         tuple(effect.delta_bic for effect in found.effects),
         time.process_time() - began,
@@ -192,7 +188,7 @@ def admits(candidates: Sequence[Candidate], case: ModalCase) -> bool:
     for key, values in case.truth.items():
         found = listed.get(key)
         if found is None or (
-            found.untestable_because is None and (found.detection_limit or 0.0) < size_of(key, values)
+            found.untested is None and (found.detection_limit or 0.0) < size_of(key, values)
         ):
             return False
     return True

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind_cases import NOISES, PLANTS, Job, composition, drawn
+from benchmarks.contradictions import contradictions
 from benchmarks.detectability import detectability, detectability_of_record
 from benchmarks.score_card import Scored, score_card
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation
-from monitor_core.discrepancy.verdict.contradictions import contradictions
 from monitor_core.effects import Effect, MachineSizes
 from monitor_core.errors import MonitorCoreError
 from monitor_core.fitting.axis import DescribedDrive
@@ -37,6 +37,7 @@ from monitor_core.models.families import build_model
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.model_file import parse_model
 from service.blas_threads import compute_in_one_thread
+from service.documents.explanation_sentences import untested_sentence
 from tests.hidden_effects import cases, frf_file
 from tests.hidden_effects.machines import machine_named
 
@@ -109,7 +110,7 @@ def _document(name: str, found: Explanation) -> dict[str, Any]:
             {
                 "key": effect.key,
                 "equivalent_to": list(effect.equivalent_to),
-                "same_as": [remark.rpartition(" ")[2] for remark in effect.remarks if remark.startswith("the same")],
+                "same_as": list(effect.aliases),
                 "plausible": effect.plausible,
                 "delta_bic": effect.delta_bic,
                 "parameters": {
@@ -120,7 +121,11 @@ def _document(name: str, found: Explanation) -> dict[str, Any]:
         ],
         "gap": asdict(found.gap),
         "candidates": {
-            candidate.key: [candidate.detection_limit, candidate.delta_bic, candidate.untestable_because]
+            candidate.key: [
+                candidate.detection_limit,
+                candidate.delta_bic,
+                None if candidate.untested is None else untested_sentence(candidate.untested),
+            ]
             for candidate in found.candidates
         },
         "pulls": dict(found.pulls),

@@ -98,8 +98,8 @@ def explain(
     """Find where measurements and a described axis differ, what the model lacks, and how far adding it closes the gap.
 
     A fit may adjust what stands in ``uncertain`` of the axis; ``progress`` is called with a few words on what is being
-    done. Once ``time_is_up`` says so, the answer is what the search had come to: *partial* or *unknown*, with a
-    sentence in ``unfinished``; the model as it stands is fitted in any case. The explanation comes with the augmented
+    done. Once ``time_is_up`` says so, the answer is what the search had come to: *partial* or *unknown*, with what was
+    not tried in ``unfinished``; the model as it stands is fitted in any case. The explanation comes with the augmented
     description: parameters as refitted, effects of the axis and those found; where the cause is unknown, the
     description as given. ``NotIdentifiableError`` or ``OutsideValidityError`` if measurements, description and what is
     to be held out do not go together; one sentence says why.
@@ -116,11 +116,17 @@ def explain(
         progress=progress,
         time_is_up=time_is_up,
     )
-    exact = _held_exact(axis) if found.outcome is not Outcome.NONE else ()
+    # the true cause may be in what was not free, and is then made up for by what is found
+    exact = tuple(name for name in axis.parameters if name not in axis.uncertain)
     augmented = axis
     if found.outcome is not Outcome.UNKNOWN:
         augmented = augmented_model(axis.with_corrected_parameters(), found, question.table)
-    return replace(found, assumptions=(*question.assumptions, *exact), augmented=augmented)
+    return replace(
+        found,
+        assumptions=question.assumptions,
+        taken_as_exact=exact if found.outcome is not Outcome.NONE else (),
+        augmented=augmented,
+    )
 
 
 def require_explainable(axis: AxisDescription, measured: Measured, options: ExplainOptions | None = None) -> None:
@@ -189,14 +195,6 @@ def _drive_question(
     )
     sizes = sizes_of_drive(drive.physics({}), placed.observations or peaks)
     return _Question(comparison, drive, table, sizes, (*placed.sentences, *options.assumptions))
-
-
-def _held_exact(axis: AxisDescription) -> tuple[str, ...]:
-    """Say what was not free: the true cause may be there, and is then made up for by what is found."""
-    exact = [name for name in axis.parameters if name not in axis.uncertain]
-    if not exact:
-        return ()
-    return (f"Taken as exact, since [uncertain] does not list it: {', '.join(exact)}.",)
 
 
 def _require_responses(measured: Measured) -> None:

@@ -1,16 +1,16 @@
-"""Explain a discrepancy end to end: compare, find what is missing, judge it, and put it into words and numbers."""
+"""Explain a discrepancy end to end: compare, find what is missing, and judge it."""
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from typing import Generic
 
+from monitor_core.discrepancy.assembly import Judged, explanation_of
 from monitor_core.discrepancy.conclusion import conclude, has_names
 from monitor_core.discrepancy.description.describe import Description
 from monitor_core.discrepancy.description.otherwise import Otherwise
 from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
-from monitor_core.discrepancy.explanation import Explanation, Outcome
-from monitor_core.discrepancy.in_words import Judged, explanation_of
+from monitor_core.discrepancy.explanation import Explanation, Outcome, Unfinished
 from monitor_core.discrepancy.records.rounds import Records, Worst, cleared
 from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
@@ -59,7 +59,7 @@ def explain_comparison(
 
     ``sizes`` of the machine are those in which the next measurement is proposed; ``progress`` is called with a few
     words on what is being done. Once ``time_is_up`` says so the search is left, and the answer is what it had come to:
-    *partial* or *unknown*, with a sentence on what was not tried. Raises OutsideValidityError if the described axis
+    *partial* or *unknown*, with what was not tried. Raises OutsideValidityError if the described axis
     itself has no answer under one of the conditions.
     """
     settings, progress = settings or ExplainSettings(), progress or (lambda _: None)
@@ -119,7 +119,7 @@ class _Searched(Generic[Physics]):
     hidden: tuple[str, ...]
     worst: Worst | None  # of the records, where no more is left than a healthy axis leaves
     follows: Description | None  # what follows the excitation by a law of its own, in the place of the one name
-    unfinished: str
+    unfinished: Unfinished | None
     axis: StoppableAxis[Physics]
     workspace: Workspace[Physics]
 
@@ -154,10 +154,11 @@ def _search(
     nothing is sought that would do in the place of what was found: it will be sought without that record. Nor is it
     where what was found is one name, and what follows the excitation by a law of its own explains more.
     """
-    comparison, said = records.kept, ["comparing the model as stated"]
+    comparison, doing = records.kept, "comparing the model as stated"
 
     def report(sentence: str) -> None:
-        said.append(sentence)
+        nonlocal doing
+        doing = sentence
         progress(sentence)
 
     report(f"adjusting the model to {comparison.layout.n_values} values at {len(comparison.layout.settings)} settings")
@@ -166,7 +167,7 @@ def _search(
     otherwise: Otherwise[Physics] = Otherwise(settings.outcome, sizes, report)
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, otherwise.explains)
     steps: tuple[Fitted[Physics], ...] = ()
-    hidden, worst, follows, unfinished = list[str](), None, None, ""
+    hidden, worst, follows, unfinished = list[str](), None, None, None
     try:
         with stoppable.stoppable():
             steps = () if before is None else find_again(workspace, before.found, others=not has_no_name)
@@ -182,7 +183,7 @@ def _search(
                 records, workspace, steps, settings, for_now=worst is not None or follows is not None
             )
     except TimeIsUpError:
-        steps, hidden, worst, follows, unfinished = (), [], None, None, _unfinished(workspace, said[-1])
+        steps, hidden, worst, follows, unfinished = (), [], None, None, _unfinished(workspace, doing)
         found = judge_so_far(workspace)
         classes, final = classes_with_fit(found, candidates)
         found = replace(found, final=final)
@@ -289,12 +290,7 @@ def _judge(searched: _Searched[Physics], settings: ExplainSettings, sizes: Machi
     )
 
 
-def _unfinished(workspace: Workspace[Physics], doing: str) -> str:
-    """Say what a search that was left was doing, and what it had not tried."""
-    untried = [effect.key for effect in workspace.remaining(workspace.so_far[-1]) if effect.key not in workspace.tried]
-    listed = ", ".join(dict.fromkeys(untried))
-    not_tried = f"no fit had tried {listed}" if listed else "every effect had been tried in some fit"
-    return (
-        f"Time was up while {doing}: {not_tried}, and what else would do in the place of what was found was not looked "
-        "for to the end; give it more time to be sure of the answer."
-    )
+def _unfinished(workspace: Workspace[Physics], doing: str) -> Unfinished:
+    """Return what a search that was left was doing, and what it had not tried."""
+    untried = (effect.key for effect in workspace.remaining(workspace.so_far[-1]) if effect.key not in workspace.tried)
+    return Unfinished(doing, tuple(dict.fromkeys(untried)))

@@ -1,4 +1,4 @@
-"""Define the answer of the discrepancy workflow."""
+"""Define the answer of the discrepancy workflow: records and numbers, which the service puts into sentences."""
 
 import math
 from collections.abc import Mapping
@@ -7,10 +7,12 @@ from enum import StrEnum
 from typing import Any
 
 from monitor_core.arrays import FloatArray, read_only
-from monitor_core.effects import Effect, Law
+from monitor_core.effects import ConditionAxis, Effect, Law, Variable
+from monitor_core.effects.units import RecordedUnit
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.comparison import Panel
+from monitor_core.fitting.conditions.groups import Extent
 from monitor_core.uncertainty import Estimate
 
 
@@ -39,10 +41,18 @@ class MisfitKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class MisfitPlace:
+    """Which part of the data a misfit is in: all that is in every one of the extents."""
+
+    extents: tuple[Extent, ...] = ()  # none: everywhere
+    changing_with: tuple[ConditionAxis, ...] = ()  # what its size goes with, where it is everywhere
+
+
+@dataclass(frozen=True, slots=True)
 class Misfit:
     """A place where data and model differ."""
 
-    where: str  # "position_mm 500..850, band 150..200 Hz"
+    place: MisfitPlace
     size: float  # rms over the place, in standard deviations
     kind: MisfitKind
     p_value: float  # of the test that found it, corrected for the number of tests
@@ -52,9 +62,9 @@ class Misfit:
 class MisfitMap:
     """Root-mean-square misfit by a condition and frequency band, of the baseline and of the augmented model."""
 
-    title: str
-    rows: tuple[str, ...]  # values of the condition
-    columns: tuple[str, ...]  # bands
+    over: ConditionAxis | None  # the condition of the rows; None: one row of everything
+    rows: tuple[Extent, ...]
+    columns: tuple[Extent, ...]  # bands, modes or settings
     before: FloatArray  # in standard deviations; NaN where there are no data, shape (n_rows, n_columns) [-]
     after: FloatArray  # likewise [-]
 
@@ -91,13 +101,25 @@ class FoundEffect:
     equivalent_to: tuple[str, ...]  # keys, best first; empty: named
     delta_bic: float  # BIC without it less BIC with it
     held_out_log_likelihood_gain: float
-    remarks: tuple[str, ...] = ()  # "a stand-in for something else: …"
+    aliases: tuple[str, ...] = ()  # keys of effects that are the same finding: they leave the same residuals
     stands_in_for: str = ""  # key of an effect that such data cannot test and that would explain more
+    #: The lowest and highest frequency that it would have at single settings, where its own wanders [Hz]
+    wanders_between: tuple[float, float] | None = None
+    recorded_unit: RecordedUnit | None = None  # of an effect that is another unit of a channel
 
     @property
     def plausible(self) -> bool:
         """Whether it may be what is missing: nothing would explain more, and every parameter is within its range."""
         return not self.stands_in_for and all(parameter.plausible for parameter in self.parameters.values())
+
+
+@dataclass(frozen=True, slots=True)
+class DescribedAlternative:
+    """What the data do not distinguish from what was described."""
+
+    place: str
+    parameter: str = ""  # empty: something that swings there
+    varies_with: Variable | None = None  # None: no law holds of either
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +135,7 @@ class Described:
     law: Law | None  # what it is multiplied by
     parameters: Mapping[str, FoundParameter]  # coefficients of the law, or of what swings
     effects: tuple[Effect[Any], ...]  # that say the same, to be kept as effects of the user's own; without form none
-    alternatives: tuple[str, ...]  # what the data do not distinguish from it, with what it varies with
+    alternatives: tuple[DescribedAlternative, ...]
     share: float  # of what a free variation of the parameter would explain, the law explains [-]
     delta_bic: float  # BIC without it less BIC with it
     held_out_log_likelihood_gain: float
@@ -149,10 +171,28 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """An accepted effect, and what it left."""
+    """Effects that were accepted at once, most often a single one, and what they left."""
 
-    effect: str
+    effects: tuple[str, ...]
     gap: GapPair
+
+
+class UntestedReason(StrEnum):
+    """Why nothing can be said of an effect."""
+
+    NOT_VARIED = "not-varied"  # a condition is the same in all data
+    NO_ANSWER = "no-answer"  # the model has none with the effect
+    BELOW_NOISE = "below-noise"  # no value within its range would be seen
+    WITHOUT_TRACE = "without-trace"  # nothing that was measured moves with it
+    TIME_UP = "time-up"  # before it was tried
+
+
+@dataclass(frozen=True, slots=True)
+class Untested:
+    """Why an effect could not be tested."""
+
+    reason: UntestedReason
+    not_varied: tuple[ConditionAxis, ...] = ()  # that it needs varied
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +204,7 @@ class Candidate:
     held_out: float  # gain of log-likelihood on held-out data in the place of what was found; else NaN
     detection_limit: float | None  # value of its first parameter that would be seen, in its unit
     unit: str
-    untestable_because: str | None = None
+    untested: Untested | None = None  # None: it was tested
     substitution_for: str | None = None  # key of the found effect in whose place it was refitted; None: in addition
 
 
@@ -198,6 +238,72 @@ class WrongRecord:
     unit: str = "1"
 
 
+class StepKind(StrEnum):
+    """What there is to measure or to check next."""
+
+    OTHER_CONDITIONS = "measure-under-other-conditions"
+    LOOK_AT_PARTS = "look-at-the-parts"
+    RESPONSES_TO_DISTINGUISH = "measure-responses-to-distinguish"
+    REPEAT_IN_RANDOM_ORDER = "repeat-in-random-order"
+    THREE_LEVELS = "measure-at-three-levels"
+    MORE_POSITIONS = "measure-more-positions"
+    KNOWN_MASS = "measure-with-a-known-mass"
+    VARY = "vary"
+    TWO_SETTINGS = "repeat-two-settings"
+    TAP_SCREW = "tap-the-screw"
+    HOLD_PART = "hold-a-part"
+    REPEAT_NOW = "repeat-now"
+    WITHIN_TURN = "measure-within-a-turn"
+    BETWEEN_LEVELS = "measure-between-levels"
+    LOWER_LEVEL = "measure-at-a-lower-level"
+    REPEAT_FIRST = "repeat-the-first"
+    CHECK_TAG = "check-a-tag"
+    READ_TAGS = "read-tags-again"
+    CHECK_GAIN = "check-a-gain"
+    SECOND_ACCELEROMETER = "put-a-second-accelerometer"
+    RESPONSES_ABOUT = "measure-responses-about"
+    FINER_POSITIONS = "measure-finer-positions"
+    MORE_PRELOADS = "measure-more-preloads"
+    WEIGH_PAYLOAD = "weigh-the-payload"
+    COLD_AGAIN = "measure-warm-and-cold-again"
+    MORE_LEVELS = "measure-more-levels"
+    ANOTHER_SENSOR = "measure-with-another-sensor"
+    OTHER_SPEEDS = "repeat-at-other-speeds"
+    MOVE_KNOWN_MASS = "move-a-known-mass"
+
+
+@dataclass(frozen=True, slots=True)
+class StepEffect:
+    """An effect that a step is for, with its size or with how far it would be from the first one."""
+
+    key: str
+    amount: float = math.nan
+    unit: str = ""  # "sigma" of a distance
+
+
+@dataclass(frozen=True, slots=True)
+class NextStep:
+    """One thing to measure or check next; which of the fields it has depends on its kind."""
+
+    kind: StepKind
+    condition: ConditionAxis | None = None  # to be varied, or that the levels are of
+    quantity: str = ""  # a parameter by its name in files, a channel, or a kind of error of settings
+    place: str = ""  # of the drive
+    settings: tuple[str, ...] = ()  # to be measured or checked, as the data name them
+    effects: tuple[StepEffect, ...] = ()  # that it distinguishes, the one found first, or that it shows
+    values: Mapping[str, float] = field(default_factory=dict)  # by names that end with their unit
+    #: Levels of the condition to measure at, and what the description multiplies the quantity by there; SI
+    expected: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """A search that was left when its time was up."""
+
+    doing: str  # in the words of its progress
+    untried: tuple[str, ...]  # keys of the effects that no fit had tried
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
     """The whole answer."""
@@ -211,7 +317,7 @@ class Explanation:
     candidates: tuple[Candidate, ...]
     pulls: Mapping[str, float]  # spread over settings by kind of error; of each declared parameter [-]
     least_delta_bic: float  # that one more effect would have needed [-]
-    next_measurement: str
+    next_steps: tuple[NextStep, ...]
     ln_ratios: Mapping[str, float]  # ln(refitted/stated) of the parameters of the model file, by names in files
     added: Mapping[str, Mapping[str, float]]  # effects of the augmented model, by key and name
     panels: tuple[Panel, ...]
@@ -224,10 +330,11 @@ class Explanation:
     hidden_in_remainder: tuple[str, ...] = ()
     #: Taken out before anything was explained, worst first.
     records: tuple[WrongRecord, ...] = ()
-    #: What is not in the data and was assumed before anything was compared, in sentences.
+    #: What is not in the data and was assumed before anything was compared, in the sentences of who assumed it.
     assumptions: tuple[str, ...] = ()
-    #: Where time was up before the search had come to its end: what was being done and what was not tried, a sentence.
-    unfinished: str = ""
+    #: Parameters of the model file that were taken as exact, by their names in it.
+    taken_as_exact: tuple[str, ...] = ()
+    unfinished: Unfinished | None = None  # where time was up before the search had come to its end
     #: What was found of a cause that has no name; where the outcome is not *described*, without form.
     described: tuple[Described, ...] = ()
     #: The description with what was found; None where a comparison was explained, of which there is no description.

@@ -6,6 +6,7 @@ unit begins.
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, increasing
@@ -79,13 +80,23 @@ TORQUE_UNIT = _effect(
 )
 
 
-def unit_sentence(name: str, ln_factor: float, deviation: float) -> str:
-    """Say which unit an effect of this name stands for, by ln of recorded over true value and its deviation [-].
+@dataclass(frozen=True, slots=True)
+class RecordedUnit:
+    """In which unit a channel seems to be recorded."""
 
-    ``name`` is that of the effect. Units agree whose exact factor is within two standard deviations.
+    quantity: str  # "torque"
+    stated: str  # its unit
+    factor: float  # recorded over true value [-]
+    units: tuple[str, ...]  # that agree with the factor; none: a scale, as of volts
+
+
+def recorded_unit(name: str, ln_factor: float, deviation: float) -> RecordedUnit:
+    """Return the units that an effect of this name may stand for.
+
+    ``name`` is that of the effect; the ln of recorded over true value comes with its deviation [-]. Units agree whose
+    exact factor is within two standard deviations.
     """
     quantity, stated, others = _UNITS[name]
-    factor, apart = math.exp(ln_factor), _COVERAGE * math.hypot(deviation, _SENSITIVITY)
-    units = [unit for unit, value in others.items() if abs(ln_factor - math.log(value)) <= apart]
-    sentence = f"{quantity} not in {stated}: what is recorded is {factor:.3g} times what is stated"
-    return f"{sentence}, as by {' or '.join(units)}" if units else f"{sentence}; a unit, or a scale (volts, amperes)?"
+    apart = _COVERAGE * math.hypot(deviation, _SENSITIVITY)
+    agreeing = (unit for unit, factor in others.items() if abs(ln_factor - math.log(factor)) <= apart)
+    return RecordedUnit(quantity, stated, math.exp(ln_factor), tuple(agreeing))

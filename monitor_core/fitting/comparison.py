@@ -74,6 +74,14 @@ class Layout:
         return self.setting.size
 
 
+@dataclass(frozen=True, slots=True)
+class ChangedConditions:
+    """Conditions under which all settings might be measured again."""
+
+    axis: ConditionAxis
+    amount: float  # added mass [kg], warming [K], ratio of levels [-], share of the way to the next position [-]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
     """One picture of measurement and models: a response, a frequency over positions, a force over time."""
@@ -143,8 +151,8 @@ class Comparison(Protocol[Physics_contra]):
         """
         ...
 
-    def imagined(self, physics: Physics_contra) -> Mapping[str, "Comparison[Physics_contra]"]:
-        """Return the same settings under other conditions, as large as such an axis needs, by the words of a sentence.
+    def imagined(self, physics: Physics_contra) -> Mapping[ChangedConditions, "Comparison[Physics_contra]"]:
+        """Return the same settings under other conditions, changed by as much as such an axis needs.
 
         Nothing was measured there; two models are compared through the difference of their misfits.
         """
@@ -226,7 +234,7 @@ class AsMeasured:
 class WithoutOtherConditions:
     """Comparisons of data that are measured as they are."""
 
-    def imagined(self, physics: object) -> Mapping[str, Self]:
+    def imagined(self, physics: object) -> Mapping[ChangedConditions, Self]:
         """Return nothing: no other conditions are proposed."""
         del physics
         return {}

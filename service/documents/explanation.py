@@ -9,8 +9,22 @@ from monitor_core.discrepancy import (
     GapPair,
     Misfit,
     MisfitMap,
+    NextStep,
     Place,
     WrongRecord,
+)
+from service.documents.explanation_sentences import (
+    KEYS,
+    alternative_sentence,
+    assumption_sentences,
+    extent_by_key,
+    map_title,
+    next_measurement,
+    place_sentence,
+    remarks,
+    step_sentence,
+    unfinished_sentence,
+    untested_sentence,
 )
 from service.documents.measurement import finite_or_null
 from service.json_types import JsonObject
@@ -21,7 +35,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
 
     A number that is not known is ``null``.
     """
-    gap = explanation.gap
+    gap, unfinished = explanation.gap, explanation.unfinished
     return finite_or_null({
         "outcome": str(explanation.outcome),
         "effects": [_effect(found) for found in explanation.effects],
@@ -38,7 +52,11 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
             for name, (before, after) in explanation.gap_by_channel.items()
         },
         "steps": [
-            {"effect": step.effect, "gap_held_out": float(step.gap.held_out), "gap_fit": float(step.gap.fit)}
+            {
+                "effect": " + ".join(step.effects),
+                "gap_held_out": float(step.gap.held_out),
+                "gap_fit": float(step.gap.fit),
+            }
             for step in explanation.steps
         ],
         "candidates": [_candidate(candidate) for candidate in explanation.candidates],
@@ -49,9 +67,10 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         "described": [_described(found) for found in explanation.described],
         "hidden_in_remainder": list(explanation.hidden_in_remainder),
         "records": [_record(record) for record in explanation.records],
-        "taken_as": list(explanation.assumptions),
-        "unfinished": explanation.unfinished or None,
-        "next_measurement": explanation.next_measurement,
+        "taken_as": list(assumption_sentences(explanation)),
+        "unfinished": None if unfinished is None else unfinished_sentence(unfinished, KEYS),
+        "next_measurement": next_measurement(explanation.next_steps),
+        "next_steps": [_step(step) for step in explanation.next_steps],
         "model": model_text,
     })  # fmt: skip
 
@@ -68,7 +87,7 @@ def _effect(effect: FoundEffect) -> JsonObject:
             "delta_bic": float(effect.delta_bic),
             "held_out_log_likelihood_gain": float(effect.held_out_log_likelihood_gain),
         },
-        "remarks": list(effect.remarks),
+        "remarks": list(remarks(effect, KEYS)),
     }
 
 
@@ -93,7 +112,7 @@ def _described(found: Described) -> JsonObject:
         "frequency_hz": found.frequency_hz,
         "mass_kg": found.mass_kg,
         "inertia_kg_m2": found.inertia_kg_m2,
-        "not_distinguished_from": list(found.alternatives),
+        "not_distinguished_from": [alternative_sentence(other, KEYS) for other in found.alternatives],
         "share_of_free_variation": float(found.share),
         "effects": [effect.key for effect in found.effects],
         "evidence": {
@@ -116,7 +135,7 @@ def _parameter(found: FoundParameter) -> JsonObject:
 
 def _misfit(misfit: Misfit) -> JsonObject:
     return {
-        "where": misfit.where,
+        "where": place_sentence(misfit.place, KEYS),
         "misfit": float(misfit.size),
         "kind": str(misfit.kind),
         "p_value": float(misfit.p_value),
@@ -150,15 +169,30 @@ def _candidate(candidate: Candidate) -> JsonObject:
         "held_out": float(candidate.held_out),
         "detection_limit": None if candidate.detection_limit is None else float(candidate.detection_limit),
         "detection_limit_unit": candidate.unit,
-        "untestable_because": candidate.untestable_because,
+        "untestable_because": None if candidate.untested is None else untested_sentence(candidate.untested),
     }
 
 
 def _map(shown: MisfitMap) -> JsonObject:
     return {
-        "title": shown.title,
-        "rows": list(shown.rows),
-        "columns": list(shown.columns),
+        "title": map_title(shown.over),
+        "rows": [extent_by_key(row) for row in shown.rows],
+        "columns": [extent_by_key(column) for column in shown.columns],
         "before": shown.before.tolist(),
         "after": shown.after.tolist(),
+    }
+
+
+def _step(step: NextStep) -> JsonObject:
+    """Return a step of ``next_measurement`` with what stands in it."""
+    return {
+        "kind": str(step.kind),
+        "condition": None if step.condition is None else str(step.condition),
+        "quantity": step.quantity or None,
+        "place": step.place or None,
+        "settings": list(step.settings),
+        "effects": [{"key": effect.key, "amount": effect.amount, "unit": effect.unit} for effect in step.effects],
+        "values": {name: float(value) for name, value in step.values.items()},
+        "expected": [{"level": float(level), "factor": float(factor)} for level, factor in step.expected],
+        "sentence": step_sentence(step, KEYS),
     }

@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy import GapPair, MisfitMap
+from monitor_core.discrepancy import GapPair
 from monitor_core.fitting.comparison import Panel
 from service.report.rounding import quantity, rounded, tick
 from service.report.svg import (
@@ -40,30 +40,30 @@ _NARROWEST_WITH_NUMBER = 27.0
 _NARROWEST_WITH_NAME = 17.0  # of a slanted one; in narrower columns some are left to pointing at a cell
 
 
-def misfit_map_chart(name: str, title: str, shown: MisfitMap, misfit: FloatArray) -> Markup:
+def misfit_map_chart(name: str, title: str, rows: Sequence[str], columns: Sequence[str], misfit: FloatArray) -> Markup:
     """Draw a map; each cell says its misfit in a number where there is room, and always when it is pointed at.
 
-    ``misfit`` is what the map has ``before`` or ``after``, shape (n_rows, n_columns); ``name`` is unique on the page.
+    ``misfit`` has the shape (n_rows, n_columns); ``name`` is unique on the page.
     """
-    left = 12.0 + CHARACTER * min(_LONGEST_ROW, max((len(row) for row in shown.rows), default=0))
-    cell = min((_MAP_WIDTH - left - 30.0) / max(len(shown.columns), 1), 60.0)
-    longest = min(_LONGEST_COLUMN, max((len(column) for column in shown.columns), default=0))
+    left = 12.0 + CHARACTER * min(_LONGEST_ROW, max(map(len, rows), default=0))
+    cell = min((_MAP_WIDTH - left - 30.0) / max(len(columns), 1), 60.0)
+    longest = min(_LONGEST_COLUMN, max(map(len, columns), default=0))
     slanted = longest * CHARACTER > cell - 4.0
     top = 12.0 + (0.7 * CHARACTER * longest if slanted else 12.0)
     every = math.ceil(_NARROWEST_WITH_NAME / cell)
     drawn = [
         _column_label(words, left + (i + 0.5) * cell, top - 6.0, slanted)
-        for i, words in enumerate(shown.columns)
+        for i, words in enumerate(columns)
         if i % every == 0
     ]
-    for i, words in enumerate(shown.rows):
+    for i, words in enumerate(rows):
         y = top + i * _MAP_ROW
         drawn.append(_titled(words, label(shortened(words, _LONGEST_ROW), left - 8.0, y + 15.0, text_anchor="end")))
-        for j, column in enumerate(shown.columns):
+        for j, column in enumerate(columns):
             drawn.append(_cell(f"{words}, {column}", float(misfit[i, j]), left + j * cell, y, cell))
     overhang = 0.7 * CHARACTER * longest if slanted else 0.0
-    width, height = left + len(shown.columns) * cell + overhang, top + len(shown.rows) * _MAP_ROW + 2.0
-    return picture(width, height, name, title, _description(shown, misfit), *drawn)
+    width, height = left + len(columns) * cell + overhang, top + len(rows) * _MAP_ROW + 2.0
+    return picture(width, height, name, title, _description(rows, columns, misfit), *drawn)
 
 
 def shade(misfit: float) -> str:
@@ -105,17 +105,17 @@ def _titled(words: str, *parts: Markup) -> Markup:
     return element("g", element("title", words), joined(parts))
 
 
-def _description(shown: MisfitMap, misfit: FloatArray) -> str:
+def _description(rows: Sequence[str], columns: Sequence[str], misfit: FloatArray) -> str:
     known = [
         (float(misfit[i, j]), f"{row}, {column}")
-        for i, row in enumerate(shown.rows)
-        for j, column in enumerate(shown.columns)
+        for i, row in enumerate(rows)
+        for j, column in enumerate(columns)
         if not math.isnan(misfit[i, j])
     ]
     if not known:
         return "No data."
-    worst, where = max(known)
-    return f"Root-mean-square misfit in standard deviations. The largest is {rounded(worst)}, at {where}."
+    worst, place = max(known)
+    return f"Root-mean-square misfit in standard deviations. The largest is {rounded(worst)}, at {place}."
 
 
 #: Bars are as wide as a phone, and their labels stand above them: nothing scrolls, nothing shrinks.

@@ -1,7 +1,7 @@
 """Collect what a report says, once for the page, for Markdown and for the terminal: sentences, headings and tables."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from monitor_core.discrepancy import (
@@ -14,29 +14,30 @@ from monitor_core.discrepancy import (
     Outcome,
 )
 from monitor_core.effects import PREFIX
+from service.documents.explanation_sentences import (
+    NAMES,
+    name_of,
+    parameter_words,
+    place_sentence,
+    remarks,
+    step_sentence,
+    untested_sentence,
+)
 from service.report import verdict
 from service.report.rounding import (
+    TIMES,
     UNKNOWN,
     between,
     evidence,
     notation,
     probability,
     quantity,
+    ratio_interval,
+    ratio_with_uncertainty,
     rounded,
     unit_shown,
     with_uncertainty,
 )
-from service.report.words import (
-    in_plain_words,
-    name_of,
-    parameter_words,
-    place_words,
-    ratio_interval,
-    ratio_with_uncertainty,
-    with_short_lists,
-)
-
-_TIMES = 1.5  # from this ratio on people say "times"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +113,7 @@ def report_content(explanation: Explanation) -> ReportContent:
             for words, pair in (("before", gap.before), ("after", gap.after))
         ),
         gap_by_channel=tuple((Cell(name), *(_quantity(size, gap.unit) for size in both)) for name, both in channels),
-        steps=tuple(_step_sentence(added_words(step.effect), step.gap, gap.unit) for step in explanation.steps),
+        steps=tuple(_step_sentence(added_words(step.effects), step.gap, gap.unit) for step in explanation.steps),
         candidates_heading="What could still hide" if none else "What else was considered",
         candidates=tuple(_candidate_row(candidate) for candidate in sorted(explanation.candidates, key=_order)),
         threshold=f"One more effect would need a ΔBIC of {evidence(explanation.least_delta_bic)}.",
@@ -120,19 +121,18 @@ def report_content(explanation: Explanation) -> ReportContent:
             (Cell(parameter_words(name), key=name), Cell(rounded(pull, 2), pull))
             for name, pull in explanation.pulls.items()
         ),
-        next_steps=tuple(_next_step(words) for words in explanation.next_measurement.rstrip(".").split("; ") if words),
+        next_steps=tuple(_capitalised(step_sentence(step, NAMES)) for step in explanation.next_steps),
         model_heading="The model, as it was: what helped most is not in it" if unknown else model,
     )
 
 
-def _next_step(words: str) -> str:
-    plain = in_plain_words(with_short_lists(words))
-    return plain[:1].upper() + plain[1:]
+def _capitalised(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
 
 
-def added_words(keys: str) -> str:
-    """Return the names of the effects of a step, whose keys are joined by a plus."""
-    return " + ".join(name_of(key) for key in keys.split(" + "))
+def added_words(keys: Iterable[str]) -> str:
+    """Return the names of the effects of a step."""
+    return " + ".join(map(name_of, keys))
 
 
 def _quantity(value: float, unit: str) -> Cell:
@@ -142,7 +142,7 @@ def _quantity(value: float, unit: str) -> Cell:
 def _misfit_rows(misfits: Sequence[Misfit]) -> tuple[Row, ...]:
     return tuple(
         (
-            Cell(place_words(misfit.where)),
+            Cell(place_sentence(misfit.place, NAMES)),
             _quantity(misfit.size, "sigma"),
             Cell(str(misfit.kind)),
             Cell(probability(misfit.p_value)),
@@ -157,7 +157,7 @@ def _effect_content(effect: FoundEffect, *, held_out: bool) -> EffectContent:
         effect,
         name_of(effect.key) if effect.key.startswith(PREFIX) else effect.name,
         tuple(name_of(key) for key in effect.equivalent_to),
-        tuple(in_plain_words(remark) for remark in effect.remarks),
+        tuple(remarks(effect, NAMES)),
         tuple(_parameter_row(effect.key, name, found) for name, found in effect.parameters.items()),
         Cell(evidence(effect.delta_bic), effect.delta_bic),
         Cell(evidence(gain), gain) if held_out else None,
@@ -191,14 +191,14 @@ def _step_sentence(effect: str, gap: GapPair, unit: str) -> str:
 
 def _order(candidate: Candidate) -> tuple[bool, bool, float]:
     """Put those that were tested first, the best supported before the others."""
-    return (candidate.untestable_because is not None, math.isnan(candidate.delta_bic), -candidate.delta_bic)
+    return (candidate.untested is not None, math.isnan(candidate.delta_bic), -candidate.delta_bic)
 
 
 def _candidate_row(candidate: Candidate) -> Row:
     """Return a candidate with its evidence, how it was tried, and its detection limit."""
     tried, limit = "in addition", _detection_limit(candidate)
-    if candidate.untestable_because is not None:
-        tried, limit = UNKNOWN, Cell(f"untestable: {candidate.untestable_because}")
+    if candidate.untested is not None:
+        tried, limit = UNKNOWN, Cell(f"untestable: {untested_sentence(candidate.untested)}")
     elif candidate.substitution_for is not None:
         tried = f"instead of {name_of(candidate.substitution_for)}"
     delta_bic, held_out = (Cell(evidence(gain), gain) for gain in (candidate.delta_bic, candidate.held_out))
@@ -215,7 +215,7 @@ def _detection_limit(candidate: Candidate) -> Cell:
         return Cell("not known")
     if candidate.key.startswith(PREFIX):  # known by its logarithm
         ratio = math.exp(limit)
-        if ratio < _TIMES:
+        if ratio < TIMES:
             more, less = 100.0 * (ratio - 1.0), 100.0 * (1.0 - 1.0 / ratio)
             return Cell(f"{rounded(more, 2)} % more or {rounded(less, 2)} % less than stated", more)
         return Cell(f"{rounded(ratio, 2)} times what is stated, or as many times less", ratio)

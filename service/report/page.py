@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -11,11 +10,11 @@ from markupsafe import Markup, escape
 
 from monitor_core.discrepancy import Explanation, MisfitMap, Outcome
 from monitor_core.fitting.comparison import Panel
+from service.documents.explanation_sentences import extent_in_words, map_title, parameter_words, row_label
 from service.report.charts import gap_chart, misfit_map_chart, panel_chart, pull_chart, shade_names, style_of
 from service.report.content import Cell, added_words, report_content
 from service.report.hero import NARROW, WIDE, hero_chart, largest_gap, miss, zoomed
 from service.report.verdict import nothing_held_out
-from service.report.words import parameter_words, place_words
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 #: The look of the dashboard, which the report takes over into itself.
@@ -36,7 +35,7 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
     both = [("before", gap.before), ("after", gap.after)]
     ladder = [
         ("nothing added", gap.before),
-        *((f"+ {added_words(step.effect)}", step.gap) for step in explanation.steps),
+        *((f"+ {added_words(step.effects)}", step.gap) for step in explanation.steps),
     ]
     first = largest_gap(explanation.panels)
     return _ENVIRONMENT.get_template("explanation.html").render(
@@ -73,17 +72,14 @@ def _heroes(explanation: Explanation, first: Panel | None) -> list[tuple[str, Ma
 
 
 def _maps(number: int, shown: MisfitMap) -> tuple[str, Markup, Markup]:
-    """Return the title of a map and both of its pictures, by plain words."""
-    plain = replace(
-        shown,
-        rows=tuple(place_words(row) for row in shown.rows),
-        columns=tuple(place_words(column) for column in shown.columns),
-    )
+    """Return the title of a map and both of its pictures."""
+    title = map_title(shown.over)
+    rows, columns = tuple(map(row_label, shown.rows)), tuple(map(extent_in_words, shown.columns))
     before, after = (
-        misfit_map_chart(f"map-{number}-{when}", f"{shown.title}, {when}", plain, values)
-        for when, values in (("before", shown.before), ("after", shown.after))
+        misfit_map_chart(f"map-{number}-{time}", f"{title}, {time}", rows, columns, values)
+        for time, values in (("before", shown.before), ("after", shown.after))
     )
-    return shown.title, before, after
+    return title, before, after
 
 
 def _worst_first(panels: Sequence[Panel]) -> list[Panel]:

@@ -1,10 +1,11 @@
-"""Write numbers as a person reads them: as many digits as their uncertainty warrants, exponents in steps of three."""
+"""Write numbers and ratios as a person reads them: as many digits as their uncertainty warrants."""
 
 import math
 from dataclasses import dataclass
 from typing import Final
 
 UNKNOWN: Final = "—"
+TIMES: Final = 1.5  # from this ratio on people say "times"
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -95,6 +96,37 @@ def probability(p_value: float) -> str:
     if math.isnan(p_value):
         return UNKNOWN
     return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
+
+
+def ratio_words(ln_ratio: float) -> str:
+    """Say a ratio to what is stated, known by its logarithm: "13 % more", "3.0 times as much"."""
+    ratio = math.exp(ln_ratio)
+    if 1.0 / TIMES < ratio < TIMES:
+        return f"{rounded(abs(100.0 * (ratio - 1.0)), 2)} % {'more' if ln_ratio >= 0.0 else 'less'}"
+    return f"{rounded(ratio, 2)} times as much"
+
+
+def compared_with_stated(ln_ratio: float) -> str:
+    """Say a ratio in a sentence: "13 % more than stated", "3.0 times what is stated"."""
+    words = ratio_words(ln_ratio)
+    return words.replace("times as much", "times what is stated") if "times" in words else f"{words} than stated"
+
+
+def ratio_with_uncertainty(ln_ratio: float, uncertainty: float) -> str:
+    """Say a ratio with its standard uncertainty: "(12.70 ± 0.40) % more"; large ones as times."""
+    ratio = math.exp(ln_ratio)
+    spread = ratio * uncertainty
+    if not math.isfinite(spread):
+        return f"{ratio_words(ln_ratio)} (uncertainty not known)"
+    if 1.0 / TIMES < ratio < TIMES:
+        change = abs(100.0 * (ratio - 1.0))
+        return f"({with_uncertainty(change, 100.0 * spread)}) % {'more' if ln_ratio >= 0.0 else 'less'}"
+    return f"({with_uncertainty(ratio, spread)}) times as much"
+
+
+def ratio_interval(low: float, high: float) -> str:
+    """Say both ends of an interval of a ratio, known by their logarithms."""
+    return f"{ratio_words(low)} to {ratio_words(high)}"
 
 
 def _decade(value: float) -> int:

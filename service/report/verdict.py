@@ -4,12 +4,17 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from monitor_core.discrepancy import Explanation, FoundEffect, GapPair, Outcome
-from monitor_core.effects import PREFIX
-from service.report.description import described_sentence
-from service.report.records import record_sentences
-from service.report.rounding import rounded, unit_shown
-from service.report.words import compared_with_stated, in_plain_words, name_of, parameter_words
+from monitor_core.discrepancy import Described, Explanation, FoundEffect, GapPair, Outcome, RecordFault, WrongRecord
+from monitor_core.effects import PREFIX, Form, Law, Variable
+from service.documents.explanation_sentences import (
+    NAMES,
+    alternative_sentence,
+    assumption_sentences,
+    name_of,
+    parameter_words,
+    unfinished_sentence,
+)
+from service.report.rounding import compared_with_stated, rounded, unit_shown
 
 _MEANING: Final = {
     Outcome.NAMED: (
@@ -89,12 +94,12 @@ def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for e
 
 def _without_form(explanation: Explanation) -> str:
     """Say what is there that no law describes."""
-    found = listed([described_sentence(described) for described in explanation.described])
+    found = listed([_described_sentence(described) for described in explanation.described])
     return f" {found[0].upper()}{found[1:]}." if found else ""
 
 
 def _described(explanation: Explanation, names: str) -> str:
-    found = listed([described_sentence(described) for described in explanation.described])
+    found = listed([_described_sentence(described) for described in explanation.described])
     besides = f"The model lacks {names}, and besides:" if explanation.effects else "No name fits, but this holds:"
     return f"{besides} {found}; with it {_gap_sentence(explanation)}."
 
@@ -112,9 +117,9 @@ def meaning(explanation: Explanation) -> str:
 def asides(explanation: Explanation) -> tuple[str, ...]:
     """Return what goes with the verdict: assumptions, effects that help but are not named, parameters pulled far."""
     return (
-        *([in_plain_words(explanation.unfinished)] if explanation.unfinished else []),
-        *record_sentences(explanation),
-        *explanation.assumptions,
+        *([unfinished_sentence(explanation.unfinished, NAMES)] if explanation.unfinished else []),
+        *_record_sentences(explanation),
+        *assumption_sentences(explanation),
         *_hidden_in_remainder(explanation),
         *_scattered(explanation),
         *_pulled(explanation),
@@ -257,3 +262,118 @@ def _eased(explanation: Explanation, beyond: float) -> dict[str, float]:
         for name, pull in explanation.pulls_before.items()
         if abs(pull) > beyond and abs(explanation.pulls.get(name, 0.0)) < 0.5 * abs(pull)
     }
+
+
+# --- records that are wrong
+
+#: What is wrong, and what more and less of it is called.
+_TAGS: Final = {
+    RecordFault.POSITION: ("its position is", "further than", "short of what is"),
+    RecordFault.PRELOAD: ("its preload is", "higher than", "lower than"),
+    RecordFault.PAYLOAD: ("its payload is", "more than", "less than"),
+    RecordFault.TEMPERATURE: ("it is", "warmer than", "colder than"),
+}
+
+
+def _record_sentences(explanation: Explanation) -> Iterator[str]:
+    """Yield a sentence for each record that does not go with the others."""
+    for record in explanation.records:
+        yield (
+            f"Record {record.number} ({record.setting}) is wrong: {_fault(record)} (ΔBIC {rounded(record.delta_bic)}). "
+            "It was taken out, and what is said here rests on the others."
+        )
+
+
+def _fault(record: WrongRecord) -> str:
+    uncertainty = rounded(record.standard_uncertainty, 2)
+    if record.fault is RecordFault.OUTLIER:
+        return (
+            f"it is {rounded(record.misfit, 2)} standard deviations from what the others say, and no tag and no gain "
+            "explains that"
+        )
+    if record.fault is RecordFault.GAIN:
+        return f"its gain is {rounded(record.found)} ± {uncertainty} times what it should be"
+    what, more, less = _TAGS[record.fault]
+    change = record.found - record.stated
+    return f"{what} {rounded(abs(change))} ± {uncertainty} {record.unit} {more if change > 0.0 else less} stated"
+
+
+# --- what was described
+
+_VARIABLES: Final = {
+    Variable.EXCITATION: ("the excitation", 1.0, ""),
+    Variable.POSITION: ("the position", 1e3, " mm"),
+    Variable.PRELOAD: ("the preload", 1.0, " N"),
+    Variable.PAYLOAD: ("the payload", 1.0, " kg"),
+    Variable.TEMPERATURE: ("the temperature", 1.0, " K"),
+    Variable.ORDER: ("the order of measurement", 1.0, ""),
+}
+
+
+def _described_sentence(found: Described) -> str:
+    """Return what varies where, with what and by which law; or what swings there; or that no law says how."""
+    others = " or ".join(alternative_sentence(other, NAMES) for other in found.alternatives)
+    or_else = f" (or {others}, which these data do not distinguish)" if others else ""
+    parameter = parameter_words(found.parameter)
+    if found.has_no_form:
+        least, most = (rounded(end(found.factors.values()), 3) for end in (min, max))
+        return (
+            f"{parameter} at the {found.place}{or_else} would have to be another one at each setting, {least} to "
+            f"{most} times what it is, by no law that was tried"
+        )
+    swings = _swings(found) or _bends(found)
+    if found.law is None:
+        return f"{swings}{or_else}, the same at every setting"
+    with_what, factor, unit = _VARIABLES[found.law.variable]
+    what = f"{swings}; its {parameter}" if swings else f"{parameter} at the {found.place}"
+    return f"{what} varies with {with_what}{or_else}, as {_law(found, found.law, factor, unit)}{_ends(found)}"
+
+
+def _ends(found: Described) -> str:
+    """Say which coefficients stand at an end of the range that is searched: the form may be another; else nothing."""
+    ends = " and ".join(name.replace("_", " ") for name, value in found.parameters.items() if value.at_end)
+    return f"; its {ends} would go beyond what is searched, so that the form is only the nearest tried" if ends else ""
+
+
+def _swings(found: Described) -> str:
+    """Return what swings there on a spring; empty where nothing does."""
+    size, unit = (found.mass_kg, "kg") if found.inertia_kg_m2 is None else (found.inertia_kg_m2, "kg·m²")
+    if found.frequency_hz is None or size is None:
+        return ""
+    return f"something of {rounded(size, 3)} {unit} on a spring, {rounded(found.frequency_hz, 4)} Hz, hangs on the " + (
+        found.place
+    )
+
+
+def _bends(found: Described) -> str:
+    """Return how the screw bends; empty where it does not."""
+    if found.place != "screw" or found.frequency_hz is None:
+        return ""
+    size = found.parameters.get("compliance_m_per_n")
+    yields = "" if size is None else f", by up to {rounded(1e9 * size.estimate.value, 3)} nm/N along it"
+    return f"the screw bends under the force in the nut{yields}, first at {rounded(found.frequency_hz, 4)} Hz"
+
+
+def _law(found: Described, law: Law, factor: float, unit: str) -> str:
+    values = found.parameters
+    reference, scale = f"{rounded(factor * law.reference, 3)}{unit}", f"{rounded(factor * law.scale, 3)}{unit}"
+
+    def shown(name: str) -> str:
+        value, (low, high) = values[name].estimate.value, values[name].interval_95
+        return f"({rounded(value, 2)}; 95 %: {rounded(low, 2)} to {rounded(high, 2)})"
+
+    u = f"u = (x − {reference})/{scale}"
+    match law.form:
+        case Form.LINEAR:
+            return f"1 + {shown('change')} u with {u}"
+        case Form.QUADRATIC:
+            return f"1 + {shown('change')} u + {shown('curvature')} u² with {u}"
+        case Form.PERIODIC:
+            return f"1 + {shown('cosine')} cos φ + {shown('sine')} sin φ with φ = 2πx/{scale}"
+        case Form.YIELDING:
+            wave = f"{shown('cosine')} cos φ + {shown('sine')} sin φ"
+            return f"1/(1 + c + {wave}) with φ = 2πx/{scale}, and c so that it is as stated at one angle"
+        case Form.POWER:
+            return f"the power {shown('exponent')} of x/{reference}"
+        case Form.SATURATING:
+            return f"1 + {shown('change')} x/(x + h) with h = {shown('half_at')} × {scale}"

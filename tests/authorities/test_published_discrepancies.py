@@ -23,6 +23,7 @@ from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.extended import paper_motor_end
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.recordings.modal_csv import read_modal_table
+from service.documents.explanation_sentences import next_measurement
 from tests.identification import tian
 from tests.models.extended_axes import bundled
 
@@ -138,7 +139,7 @@ def test_frequencies_alone_do_not_part_a_soft_rotor_from_a_spring_between_table_
     (effect,) = answer.effects
     assert answer.outcome is Outcome.EQUIVALENT
     assert {effect.key, *effect.equivalent_to} == {COUPLING, "guide-stiffness"}
-    assert "known added mass" in answer.next_measurement
+    assert "known added mass" in next_measurement(answer.next_steps)
 
 
 # --- Sun et al. (2022) -----------------------------------------------------------------------------------------------
@@ -193,5 +194,5 @@ def test_table_1_as_printed_has_a_wrong_bracket_stiffness(published_data) -> Non
     assert answer.gap.before.fit == pytest.approx(63.3, abs=0.1)
     for kind in ("fit", "held_out"):
         assert [getattr(step.gap, kind) for step in answer.steps] == pytest.approx([7.27, 3.70], abs=0.1)
-    assert "measure at 5 positions or more" in answer.next_measurement
-    assert "known added mass" in answer.next_measurement
+    assert "measure at 5 positions or more" in next_measurement(answer.next_steps)
+    assert "known added mass" in next_measurement(answer.next_steps)

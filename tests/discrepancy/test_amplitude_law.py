@@ -5,20 +5,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from service.report.description import described_sentence
 
 from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy import AMPLITUDE_LAW, Outcome
 from monitor_core.discrepancy.verdict.amplitude import indistinguishable_law, n_levels, rests_on_levels_of
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
-from monitor_core.discrepancy.verdict.next_measurement import next_measurement
+from monitor_core.discrepancy.verdict.next_steps import next_steps
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, outcome_of, remainder_of
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX, Variable
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.comparison import Setting
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
-from service.report.description import described_sentence
-from service.report.words import in_plain_words
+from service.documents.explanation_sentences import next_measurement, quoted_name
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import draw_case
@@ -118,18 +118,16 @@ def test_what_is_left_open_is_equivalent_and_says_what_to_measure() -> None:
     assert outcomes == [Outcome.NAMED, Outcome.EQUIVALENT]
     assert (named.others, opened.others, opened.look_alikes) == ((), (AMPLITUDE_LAW,), ())
     found = SimpleNamespace(final=fitted)
-    says = next_measurement(found, (opened,), Outcome.EQUIVALENT, (CUBIC,))
+    says = next_measurement(next_steps(found, (opened,), Outcome.EQUIVALENT, (CUBIC,)))
     assert "at a third of the usual excitation and at three times as much" in says
     unseen = "without which cubic-stiffness cannot be seen"
-    assert unseen in next_measurement(found, (named,), Outcome.EQUIVALENT, (CUBIC,))
+    assert unseen in next_measurement(next_steps(found, (named,), Outcome.EQUIVALENT, (CUBIC,)))
     assert unseen not in says  # of the same measurement nothing is said twice
-    assert next_measurement(found, (named,), Outcome.NAMED, (CUBIC,)) == ""
+    assert next_steps(found, (named,), Outcome.NAMED, (CUBIC,)) == ()
 
 
 def test_the_law_has_a_name_in_sentences() -> None:
-    assert "“Something that goes with the excitation by a law of its own”" in in_plain_words(
-        f"told from {AMPLITUDE_LAW}"
-    )
+    assert quoted_name(AMPLITUDE_LAW) == "“Something that goes with the excitation by a law of its own”"
 
 
 @pytest.mark.release

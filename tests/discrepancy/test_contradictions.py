@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.contradictions import contradictions
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,
@@ -15,7 +16,6 @@ from monitor_core.discrepancy.explanation import (
     Outcome,
 )
 from monitor_core.discrepancy.search.clean import is_clean, strain
-from monitor_core.discrepancy.verdict.contradictions import contradictions
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.uncertainty import Estimate

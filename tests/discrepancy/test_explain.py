@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
-from monitor_core.discrepancy.explanation import MisfitKind, Outcome
-from monitor_core.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
+from monitor_core.discrepancy.explanation import MisfitKind, Outcome, Untested, UntestedReason
+from monitor_core.effects import DRIVE_EFFECTS, PREFIX, ConditionAxis, with_effects, wrong_parameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.comparison import Panel
+from monitor_core.fitting.conditions.groups import Dimension
 from monitor_core.models.extended import ExtendedModel, physics_of
 from monitor_core.models.protocol import ExcitationPoint
 from monitor_core.models.published.receptance import ReceptanceParameters
 from monitor_core.recordings.effect_file import read_effect_file
+from service.documents.explanation_sentences import KEYS, remarks
 from tests.discrepancy.axes import (
     AXIS,
     POSITIONS,
@@ -113,9 +115,9 @@ def test_what_a_tolerance_has_taken_up_is_found_in_its_place() -> None:
     (found,) = answer.effects
     assert found.key == "series-compliance"
     assert found.equivalent_to == ()
-    assert any(remark.startswith("the same finding as wrong-parameter:") for remark in found.remarks)
+    assert any(key.startswith("wrong-parameter:") for key in found.aliases)
     assert covered(found.parameters["compliance_m_per_n"], 9e-8)
-    assert [(step.effect, step.gap) for step in answer.steps] == [(found.key, answer.gap.after)]
+    assert [(step.effects, step.gap) for step in answer.steps] == [((found.key,), answer.gap.after)]
     strained = max(answer.pulls_before, key=lambda name: abs(answer.pulls_before[name]))
     assert abs(answer.pulls_before[strained]) > 8.0
     assert abs(answer.pulls[strained]) < 3.0
@@ -179,8 +181,8 @@ def test_a_misfit_is_located_where_the_effect_acts() -> None:
     assert keys(answer) == ["far-bearing-stiffness"]
     first = answer.localisation[0]
     assert first.kind is MisfitKind.STIFFNESS
-    assert "position_mm" in first.where
-    assert "868.3" in first.where
+    (positions,) = (extent for extent in first.place.extents if extent.dimension is Dimension.POSITION)
+    assert positions.numbers[-1] == pytest.approx(0.8683)
 
 
 @pytest.mark.release
@@ -203,11 +205,11 @@ def test_pulls_are_those_of_a_healthy_axis(far_bearing) -> None:
 @pytest.mark.release
 def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
     """No payload, temperature and level were varied; a rotor that is not part of the path moves nothing."""
-    reasons = {candidate.key: candidate.untestable_because for candidate in far_bearing.candidates}
-    assert reasons["payload-mass"] == "payload does not vary"
-    assert reasons["thermal-preload"] == "temperature does not vary"
-    assert reasons["servo-stiffness"] == "nothing that was measured moves with it"
-    assert reasons["position-offset"] == "no value within its range would be seen"
+    reasons = {candidate.key: candidate.untested for candidate in far_bearing.candidates}
+    assert reasons["payload-mass"] == Untested(UntestedReason.NOT_VARIED, (ConditionAxis.PAYLOAD,))
+    assert reasons["thermal-preload"] == Untested(UntestedReason.NOT_VARIED, (ConditionAxis.TEMPERATURE,))
+    assert reasons["servo-stiffness"] == Untested(UntestedReason.WITHOUT_TRACE)
+    assert reasons["position-offset"] == Untested(UntestedReason.BELOW_NOISE)
     assert reasons["added-mass"] is None
     assert "far-bearing-stiffness" not in reasons
     limits = {candidate.key: candidate.detection_limit for candidate in far_bearing.candidates}
@@ -256,7 +258,8 @@ def test_an_effect_beyond_its_plausible_range_is_a_stand_in() -> None:
     assert answer.outcome is Outcome.UNKNOWN
     (found,) = answer.effects
     assert not found.plausible
-    assert found.remarks[-1].startswith("a stand-in for something else: stiffness_n_per_m = 3.")
+    *_, remark = remarks(found, KEYS)
+    assert remark.startswith("a stand-in for something else: stiffness_n_per_m = 3.")
 
 
 WIPERS = """

@@ -61,7 +61,7 @@ def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
     answer = explain_comparison(comparison, LinearAxis({}, 3), [wrong_quantity(1, "b"), quantity(2)])
     assert keys(answer) == ["quantity-2"]
     assert list(answer.added) == ["quantity-2"]
-    assert answer.effects[0].remarks == ("the same finding as wrong-parameter:b",)
+    assert answer.effects[0].aliases == ("wrong-parameter:b",)
 
 
 def test_each_step_says_what_it_left() -> None:
@@ -104,7 +104,7 @@ def test_what_has_no_answer_beside_the_others_does_not_lead() -> None:
     assert keys(answer)[0] in {"quantity-2", "quantity-3"}
     assert keys(answer)[1] in {"wrong-parameter:a", "wrong-parameter:b"}
     (other,) = {"quantity-2", "quantity-3"} - set(keys(answer))
-    assert answer.effects[1].remarks == (f"the same finding as {other}",)
+    assert answer.effects[1].aliases == (other,)
     assert {*answer.added, *(f"wrong-parameter:{name}" for name in answer.ln_ratios)} >= set(keys(answer))
 
 
@@ -118,7 +118,7 @@ def test_what_would_do_as_well_is_no_untestable_candidate() -> None:
     answer = explain_comparison(comparison, LinearAxis({}, 4), [quantity(1), quantity(2), quantity(3)])
     (found,) = answer.effects
     alike = {candidate.key: candidate for candidate in answer.candidates}[found.equivalent_to[0]]
-    assert alike.untestable_because is None
+    assert alike.untested is None
     assert alike.delta_bic == pytest.approx(found.delta_bic, rel=0.01)
     assert alike.held_out == pytest.approx(found.held_out_log_likelihood_gain, rel=0.01)
     other = {candidate.key: candidate for candidate in answer.candidates}["quantity-3"]

@@ -1,14 +1,14 @@
 """Natural frequencies alone: what a modal test of a hidden machine gives, and what is said of it."""
 
 import math
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
-from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.explanation import Outcome, StepKind, Untested, UntestedReason
+from monitor_core.effects import ConditionAxis
 from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.protocol import MotorEnd
@@ -81,15 +81,21 @@ def answered(kind, size, design, seed, *keys):
     return explain_comparison(comparison, subject, [EFFECTS[key] for key in keys])
 
 
+def steps_of(answer):
+    """Return what to do next, by its kind."""
+    kinds = dict.fromkeys(step.kind for step in answer.next_steps)
+    return {kind: [step for step in answer.next_steps if step.kind is kind] for kind in kinds}
+
+
 @pytest.mark.release
 def test_a_healthy_machine_lacks_nothing_and_what_is_not_seen_is_listed() -> None:
     design = replace(plain_design(), settings=plain_design().settings[1::3])
     answer = answered("none", "medium", design, 1, "added-mass", "payload-mass", "second-mode")
     assert answer.outcome is Outcome.NONE
-    because = {candidate.key: candidate.untestable_because for candidate in answer.candidates}
-    assert because["payload-mass"] == "payload does not vary"
-    assert because["second-mode"] == "frequency does not vary"
-    assert "known added mass" in answer.next_measurement
+    because = {candidate.key: candidate.untested for candidate in answer.candidates}
+    assert because["payload-mass"] == Untested(UntestedReason.NOT_VARIED, (ConditionAxis.PAYLOAD,))
+    assert because["second-mode"] == Untested(UntestedReason.NOT_VARIED, (ConditionAxis.FREQUENCY,))
+    assert StepKind.KNOWN_MASS in steps_of(answer)
 
 
 @pytest.mark.release
@@ -100,11 +106,12 @@ def test_a_mode_that_stays_where_it_is_may_be_none_of_the_drive() -> None:
     assert answer.outcome is Outcome.EQUIVALENT
     (found,) = answer.effects
     assert {found.key, *found.equivalent_to} >= {"base-compliance", "second-mode"}
-    assert f"measure whole frequency responses, which distinguish {found.key} from" in answer.next_measurement
-    unseen = re.findall("without which (.*?) cannot be seen", answer.next_measurement)
-    assert not {found.key, *found.equivalent_to} & set(", ".join(unseen).split(", "))
+    (responses,) = steps_of(answer)[StepKind.RESPONSES_TO_DISTINGUISH]
+    assert responses.effects[0].key == found.key
+    unseen = {effect.key for step in steps_of(answer).get(StepKind.VARY, ()) for effect in step.effects}
+    assert not {found.key, *found.equivalent_to} & unseen
     assert not {found.key, *found.equivalent_to} & {
-        candidate.key for candidate in answer.candidates if candidate.untestable_because
+        candidate.key for candidate in answer.candidates if candidate.untested
     }
 
 
@@ -125,5 +132,7 @@ def test_a_mass_from_three_positions_is_one_of_several_and_a_known_mass_would_de
     assert answer.outcome is Outcome.EQUIVALENT
     (found,) = answer.effects
     assert {found.key, *found.equivalent_to} >= {"added-mass", "screw-axial-stiffness"}
-    assert "5 positions" in answer.next_measurement
-    assert "more on the table" in answer.next_measurement
+    (positions,) = steps_of(answer)[StepKind.MORE_POSITIONS]
+    assert positions.values["n_positions"] == 5
+    (conditions,) = steps_of(answer)[StepKind.OTHER_CONDITIONS]
+    assert conditions.condition is ConditionAxis.PAYLOAD

@@ -27,6 +27,7 @@ from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout, Setting
 from monitor_core.fitting.conditions.groups import previous_in_series
+from service.documents.explanation_sentences import KEYS, extent_by_key, place_sentence
 
 POSITION, PRELOAD, PAYLOAD, TEMPERATURE, EXCITATION, DIRECTION, RECORD = (
     ConditionAxis.POSITION, ConditionAxis.PRELOAD, ConditionAxis.PAYLOAD, ConditionAxis.TEMPERATURE,
@@ -122,6 +123,10 @@ def signatures():
 
 
 SIGNATURES = signatures()
+
+
+def where_of(misfit):
+    return place_sentence(misfit.place, KEYS)
 
 
 def found(planted, seed=1):
@@ -334,8 +339,8 @@ def test_the_place_is_where_the_misfit_was_planted(where, hidden, conditions):
     planted, modes = misfit(where, **hidden), [mode_of(case) for case in CASES if where(case)]
     worst = [found(planted, seed)[0] for seed in range(10)]
     assert all(place.p_value <= LEVEL for place in worst)
-    bands = [re.fullmatch(rf"{conditions}band ([\d.]+)\.\.([\d.]+) Hz", place.where) for place in worst]
-    assert all(bands), [place.where for place in worst]
+    bands = [re.fullmatch(rf"{conditions}band ([\d.]+)\.\.([\d.]+) Hz", where_of(place)) for place in worst]
+    assert all(bands), [where_of(place) for place in worst]
     low, high = np.median([[float(edge) for edge in band.groups()] for band in bands], axis=0)
     assert low <= min(modes) * 1.05
     assert high >= max(modes) * 0.95
@@ -358,7 +363,7 @@ def test_correlated_noise_neither_hides_nor_smears_a_misfit():
     planted = misfit(lambda case: case[1] == 100.0, mass=0.5)
     answer = localise(RESPONSES, planted + correlated(rng, 0.5, 1.0), SIGNATURES, scatter)
     assert [place.kind for place in answer] == [MASS]
-    assert answer[0].where.startswith("preload_n 100, band ")
+    assert where_of(answer[0]).startswith("preload_n 100, band ")
 
 
 @pytest.mark.parametrize(
@@ -375,7 +380,7 @@ def test_every_condition_has_words(axis, levels, words):
     layout = layout_of(settings_of([axis], [(level,) for level in levels]), [np.nan] * 40, ["force"])
     wrong = layout.setting == len(levels) - 1
     standardised = np.random.default_rng(5).standard_normal(layout.n_values) + 6.0 * wrong
-    assert [place.where for place in localise(layout, standardised, {})] == [words]
+    assert [where_of(place) for place in localise(layout, standardised, {})] == [words]
 
 
 # ------------------------------------------------------------------------------------- modal tables, motions, pictures
@@ -386,14 +391,14 @@ def test_a_mode_is_found_in_a_modal_table():
     modes = layout_of(settings_of([POSITION], [(x,) for x in np.linspace(0.1, 0.85, 6)]), [60.0, 180.0, 420.0], ["f"])
     standardised = np.tile([0.0, 3.0, 0.0], 6) + np.random.default_rng(6).standard_normal(18)
     answer = localise(modes, standardised, {})
-    assert [(place.where, place.kind) for place in answer] == [("mode 180 Hz", UNCLEAR)]
+    assert [(where_of(place), place.kind) for place in answer] == [("mode 180 Hz", UNCLEAR)]
     assert answer[0].size == pytest.approx(np.sqrt(np.mean(standardised[1::3] ** 2)))
 
 
 def test_a_channel_is_found():
     layout = layout_of(settings_of([POSITION], [(0.1,), (0.5,)]), [np.nan] * 30, ["mode 1", "mode 2"])
     standardised = 4.0 * layout.channel + np.random.default_rng(7).standard_normal(layout.n_values)
-    assert [place.where for place in localise(layout, standardised, {})] == ['channel "mode 2"']
+    assert [where_of(place) for place in localise(layout, standardised, {})] == ['channel "mode 2"']
 
 
 def test_first_frequencies_do_not_tell_a_little_mass_from_a_little_stiffness():
@@ -401,7 +406,7 @@ def test_first_frequencies_do_not_tell_a_little_mass_from_a_little_stiffness():
     planted = 0.005 * rows[MASS][0] / 0.2 + np.random.default_rng(8).standard_normal(18)  # half a per cent
     answer = localise(TABLE, planted, rows)
     assert [place.kind for place in answer] == [UNCLEAR]
-    assert answer[0].where.startswith("everywhere")
+    assert where_of(answer[0]).startswith("everywhere")
 
 
 def test_a_preload_law_shows_as_a_stiffness_that_changes_with_preload():
@@ -427,7 +432,7 @@ def test_friction_of_a_motion_is_damping_if_it_grows_with_the_speed_and_hysteret
 
 def test_friction_in_one_direction_is_found_there():
     standardised = 10.0 * (SPEED > 0.0) + np.random.default_rng(11).standard_normal(SPEED.size)
-    assert localise(MOTION, standardised, MOTION_SIGNATURES)[0].where.startswith("direction +")
+    assert where_of(localise(MOTION, standardised, MOTION_SIGNATURES)[0]).startswith("direction +")
 
 
 def test_the_picture_of_responses_has_positions_and_bands():
@@ -435,8 +440,8 @@ def test_the_picture_of_responses_has_positions_and_bands():
     layout = layout_of(settings_of([POSITION], [(0.1,), (0.3,)]), frequency, ["a", "b"])
     standardised = np.where(layout.setting == 0, 2.0, -3.0) * (layout.frequency < 99.0)
     rows, columns, picture = misfit_map(layout, standardised, ConditionAxis.POSITION, bands=2)
-    assert rows == ("position_mm 100", "position_mm 300")
-    assert columns == ("band 10..56.2 Hz", "band 100..1000 Hz")
+    assert [*map(extent_by_key, rows)] == ["position_mm 100", "position_mm 300"]
+    assert [*map(extent_by_key, columns)] == ["band 10..56.2 Hz", "band 100..1000 Hz"]
     assert picture == pytest.approx(np.array([[2.0, 0.0], [3.0, 0.0]]))
     assert misfit_map(RESPONSES, misfit(), ConditionAxis.POSITION)[2].shape == (6, 8)
     assert misfit_map(RESPONSES, misfit(), None)[2].shape == (1, 8)
@@ -444,8 +449,8 @@ def test_the_picture_of_responses_has_positions_and_bands():
 
 def test_the_picture_of_a_motion_has_directions_and_stretches_and_nothing_where_there_is_nothing():
     rows, columns, picture = misfit_map(MOTION, np.full(SPEED.size, 1.5), ConditionAxis.DIRECTION, bands=100)
-    assert rows == ("direction −", "direction +")
-    assert columns == tuple(setting.name for setting in MOTION.settings)
+    assert [*map(extent_by_key, rows)] == ["direction −", "direction +"]
+    assert [*map(extent_by_key, columns)] == [setting.name for setting in MOTION.settings]
     assert np.all(np.sum(np.isnan(picture), axis=0) == 1)
     assert picture[np.isfinite(picture)] == pytest.approx(1.5)
 

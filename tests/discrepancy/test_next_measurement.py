@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from monitor_core.discrepancy import Described, FoundParameter, Outcome
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
-from monitor_core.discrepancy.verdict.next_measurement import next_measurement
-from monitor_core.discrepancy.verdict.what_is_left import checks_of_what_is_left
+from monitor_core.discrepancy.verdict.next_steps import next_steps, steps_to_locate
 from monitor_core.effects import Form, Law, Variable
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.effects.sizes import MachineSizes, Reference
@@ -20,6 +19,7 @@ from monitor_core.fitting.comparison import Setting
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.uncertainty import Estimate
+from service.documents.explanation_sentences import KEYS, next_measurement, step_sentence
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 
 QUANTITY = re.compile(r"\d[\d.]* (mm|m|N|kg|K|Hz|s|m/s)\b")
@@ -49,7 +49,11 @@ def left(data, *, lines=True, pulled=False, effects=()):
 
 
 def advice(outcome, fitted, sizes=None, classes=(), described=()):
-    return next_measurement(SimpleNamespace(final=fitted), classes, outcome, (), sizes, described=described)
+    return next_measurement(next_steps(SimpleNamespace(final=fitted), classes, outcome, (), sizes, described=described))
+
+
+def located(fitted):
+    return [step_sentence(step, KEYS) for step in steps_to_locate(fitted, None)]
 
 
 def misfit_at(chosen, size=20.0):
@@ -150,14 +154,7 @@ def test_a_law_that_was_described_is_followed_by_where_to_look_for_it(
         frequency_hz=frequency if swings else None, mass_kg=None if turns else 0.4,
         inertia_kg_m2=2e-5 if turns else None,
     )  # fmt: skip
-    text = next_measurement(
-        SimpleNamespace(final=varied(left(misfit_at(SETTING < 0)))),
-        (),
-        Outcome.DESCRIBED,
-        (),
-        SIZES,
-        described=(found,),
-    )
+    text = advice(Outcome.DESCRIBED, varied(left(misfit_at(SETTING < 0))), SIZES, described=(found,))
     steps = text.split("; ")
     assert any(parameter in step for step in steps)
     assert all(QUANTITY.search(step) for step in steps if parameter in step or "swings" in step), text
@@ -195,18 +192,18 @@ def test_what_has_no_form_is_followed_by_the_two_settings_that_differ_most(outco
 def test_the_record_that_stands_out_is_named() -> None:
     """Its error, of 15 values' worth of standard deviations, is taken out by the tag."""
     data = misfit_at(SETTING < 0) + np.where(SETTING == 4, 60.0, 0.0)
-    first, *_ = checks_of_what_is_left(left(data, pulled=True), None)
+    first, *_ = located(left(data, pulled=True))
     assert first.startswith("check the tag of 500 mm, 250 N: its error 1 would have to be ")
 
 
 def test_a_channel_that_is_off_by_a_factor_is_to_be_calibrated() -> None:
     """ln(model/measured) of −0.7 at all lines: measured is 2.01 times the model."""
-    first, *_ = checks_of_what_is_left(left(np.full(N_SETTINGS * N_LINES, -0.7)), None)
+    first, *_ = located(left(np.full(N_SETTINGS * N_LINES, -0.7)))
     assert first == "check unit and gain of misfit: it is 2.01 times the model's from 50 to 1000 Hz alike"
 
 
 def test_a_band_is_measured_with_lines_that_show_a_peak() -> None:
-    steps = checks_of_what_is_left(left(misfit_at((LINE >= 9) & (LINE <= 11))), None)
+    steps = located(left(misfit_at((LINE >= 9) & (LINE <= 11))))
     (band,) = (step for step in steps if "second accelerometer" in step)
     low, high, spacing = (float(number) for number in re.findall(r"([\d.]+)(?= to| Hz)", band))
     assert low < FREQUENCY[9] < FREQUENCY[11] < high
@@ -214,7 +211,7 @@ def test_a_band_is_measured_with_lines_that_show_a_peak() -> None:
 
 
 def test_positions_are_measured_between_those_that_are_missed() -> None:
-    steps = checks_of_what_is_left(left(misfit_at((SETTING >= 2) & (SETTING <= 3))), None)
+    steps = located(left(misfit_at((SETTING >= 2) & (SETTING <= 3))))
     assert any(step.startswith("measure between 300 and 400 mm in steps of 50 mm") for step in steps)
 
 
@@ -233,7 +230,7 @@ def test_sizes_are_those_of_the_machine() -> None:
     fitted = replace(fitted, comparison=replace(fitted.comparison, layout=replace(layout, settings=few)))
     needs = frozenset({ConditionAxis.PRELOAD, ConditionAxis.FREQUENCY})
     unseen = replace(quantity(0, "unseen"), needs=needs)
-    text = next_measurement(SimpleNamespace(final=fitted), (), Outcome.NONE, (unseen,), SIZES)
+    text = next_measurement(next_steps(SimpleNamespace(final=fitted), (), Outcome.NONE, (unseen,), SIZES))
     assert "measure at 5 positions or more along the 2500 mm of the screw" in text
     assert "a known added mass of 100 kg" in text
     assert "vary the preload from 1500 to 3000 N, without which unseen cannot be seen" in text

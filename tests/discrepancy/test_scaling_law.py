@@ -15,10 +15,10 @@ import scipy.signal
 from monitor_core.discrepancy.explain_axis import explain
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, MachineSizes, Reference, sized_for
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, ConditionAxis, MachineSizes, Reference, sized_for
 from monitor_core.effects.drive_effects import ADDED_MASS, PRELOAD_CHANGE
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.axis import AxisDescription
+from monitor_core.fitting.comparison import ChangedConditions
 from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds, known_mass
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
@@ -363,4 +363,4 @@ def test_advice_is_in_the_sizes_of_the_machine() -> None:
     comparison = comparison_of([scaled_observation(each, scale) for each in observations("payload-mass")], scale)
     physics = drive.physics({})
     assert moving_mass(physics) == pytest.approx(12.0 * 21.84)
-    assert "with 50 kg more on the table" in comparison.imagined(physics)
+    assert ChangedConditions(ConditionAxis.PAYLOAD, 50.0) in comparison.imagined(physics)

@@ -9,12 +9,12 @@ from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy import AMPLITUDE_LAW, TIME_LAW, Outcome
 from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
-from monitor_core.discrepancy.verdict.next_measurement import next_measurement
+from monitor_core.discrepancy.verdict.next_steps import next_steps
 from monitor_core.effects import PREFIX
 from monitor_core.fitting.evidence import delta_bic, evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
-from service.report.words import in_plain_words
+from service.documents.explanation_sentences import next_measurement, quoted_name
 from tests.discrepancy.axes import LinearAxis, LinearComparison, effects_by_key, layout_of, quantity
 from tests.hidden_effects.answered import answered, compared
 from tests.hidden_effects.cases import draw_case
@@ -78,9 +78,9 @@ def test_what_is_left_open_to_time_says_what_to_measure() -> None:
     opened = EquivalenceClass(
         (Member(hypothesis.effects[0], fitted, 60.0, plausible=True),), (), 9.0, other_laws=(TIME_LAW,)
     )
-    says = next_measurement(SimpleNamespace(final=fitted), (opened,), Outcome.EQUIVALENT, ())
+    says = next_measurement(next_steps(SimpleNamespace(final=fitted), (opened,), Outcome.EQUIVALENT, ()))
     assert "measure the first settings once more at the end" in says
     assert "excitation" not in says
     assert (opened.others, opened.look_alikes) == ((TIME_LAW,), ())
-    assert "“Something that changes from one measurement to the next”" in in_plain_words(f"told from {TIME_LAW}")
+    assert quoted_name(TIME_LAW) == "“Something that changes from one measurement to the next”"
     assert TIME_LAW != AMPLITUDE_LAW

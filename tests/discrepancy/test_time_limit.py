@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
-from monitor_core.discrepancy.explanation import Explanation, Outcome
+from monitor_core.discrepancy.explanation import Explanation, Outcome, Untested, UntestedReason
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from service.documents.explanation import explanation_document
+from service.documents.explanation_sentences import KEYS, unfinished_sentence
 from service.report.content import report_content
 from tests.discrepancy.axes import LinearAxis, quantity
 from tests.discrepancy.test_explanation import linear
@@ -29,21 +30,22 @@ def explained_within(n_answers: float) -> Explanation:
 
 def test_the_answer_so_far_is_never_more_than_partial_and_says_what_was_not_tried() -> None:
     whole = explained_within(np.inf)
-    assert (whole.outcome, whole.unfinished) == (Outcome.NAMED, "")
+    assert (whole.outcome, whole.unfinished) == (Outcome.NAMED, None)
     outcomes = set()
     for n_answers in range(0, 400, 5):
         answer = explained_within(n_answers)
-        if not answer.unfinished:
+        if answer.unfinished is None:
             assert answer.outcome is Outcome.NAMED
             continue
         outcomes.add((answer.outcome, tuple(effect.key for effect in answer.effects)))
         assert answer.outcome in (Outcome.UNKNOWN, Outcome.PARTIAL)
-        assert answer.unfinished.startswith("Time was up while ")
+        sentence = unfinished_sentence(answer.unfinished, KEYS)
+        assert sentence.startswith("Time was up while ")
         assert answer.gap.after.fit <= answer.gap.before.fit
         content = report_content(answer)
         assert content.headline.startswith("Time was up")
-        assert answer.unfinished in content.asides
-        assert explanation_document(answer, "")["unfinished"] == answer.unfinished
+        assert sentence in content.asides
+        assert explanation_document(answer, "")["unfinished"] == sentence
     assert (Outcome.UNKNOWN, ()) in outcomes
     assert any(keys for _, keys in outcomes)  # what had been found by then is in the answer
 
@@ -51,8 +53,9 @@ def test_the_answer_so_far_is_never_more_than_partial_and_says_what_was_not_trie
 def test_at_once_the_model_as_it_stands_is_judged_and_every_effect_is_said_not_to_have_been_tried() -> None:
     answer = explained_within(0)
     assert answer.outcome is Outcome.UNKNOWN
-    assert "no fit had tried quantity-1, quantity-2, quantity-3" in answer.unfinished
-    assert {candidate.untestable_because for candidate in answer.candidates} == {"time was up"}
+    assert answer.unfinished is not None
+    assert answer.unfinished.untried == ("quantity-1", "quantity-2", "quantity-3")
+    assert {candidate.untested for candidate in answer.candidates} == {Untested(UntestedReason.TIME_UP)}
 
 
 def test_an_axis_is_left_once_and_answers_again() -> None:

@@ -14,7 +14,7 @@ from monitor_core.effects import (
     wrong_motion_parameters,
 )
 from monitor_core.effects.sizes import motion_sizes
-from monitor_core.effects.units import unit_sentence
+from monitor_core.effects.units import recorded_unit
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.motion import Kinematics, MotionModel, MotionParameters, forces
 from tests.models.simulated_motion import RATE, Motion, Truth
@@ -191,10 +191,12 @@ def test_another_unit_of_force_and_of_position_are_one_factor(factor) -> None:
 
 
 def test_a_unit_is_said_where_the_factor_is_known_to_be_its_own() -> None:
-    def said(factor, deviation):
-        return unit_sentence("Unit of force or position", np.log(factor), deviation)
+    def units(factor, deviation):
+        found = recorded_unit("Unit of force or position", np.log(factor), deviation)
+        assert found.factor == pytest.approx(factor)
+        return found.units
 
-    assert said(1.0 / 4.4482216152605, 0.05).endswith("0.225 times what is stated, as by force in lbf")
-    assert said(1.0 / 9.80665, 0.02).endswith("as by force in kgf or force in daN")
-    assert said(1.0 / 60.0, 0.05).endswith("a unit, or a scale (volts, amperes)?")
-    assert said(1e-3, 0.01).endswith("as by force in kN or position in mm")
+    assert units(1.0 / 4.4482216152605, 0.05) == ("force in lbf",)
+    assert units(1.0 / 9.80665, 0.02) == ("force in kgf", "force in daN")
+    assert units(1.0 / 60.0, 0.05) == ()
+    assert units(1e-3, 0.01) == ("force in kN", "position in mm")

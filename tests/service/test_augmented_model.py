@@ -31,7 +31,7 @@ def explanation(ln_ratios=None, added=None) -> Explanation:
     pair = GapPair(1.0, 1.0)
     return Explanation(
         outcome=Outcome.NAMED, effects=(), localisation=(), remainder=(), gap=Gap("sigma", 1.0, pair, pair), steps=(),
-        candidates=(), pulls={}, least_delta_bic=50.0, next_measurement="", ln_ratios=ln_ratios or {},
+        candidates=(), pulls={}, least_delta_bic=50.0, next_steps=(), ln_ratios=ln_ratios or {},
         added=added or {}, panels=(),
     )  # fmt: skip
 

@@ -7,12 +7,14 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from monitor_core.discrepancy import Dimension, Extent
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Described,
@@ -24,25 +26,32 @@ from monitor_core.discrepancy.explanation import (
     Misfit,
     MisfitKind,
     MisfitMap,
+    MisfitPlace,
+    NextStep,
     Outcome,
     Step,
+    StepEffect,
+    StepKind,
+    Untested,
+    UntestedReason,
 )
-from monitor_core.effects import Form, Law, Variable, varying
+from monitor_core.effects import ConditionAxis, Form, Law, Variable, varying
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Panel
 from monitor_core.uncertainty import Estimate
 from service.documents.explanation import explanation_document
+from service.documents.explanation_sentences import KEYS, NAMES, place_sentence, quoted_name, row_label, step_sentence
 from service.report import explanation_markdown, explanation_page, write_report
 from service.report.charts import POINTS
-from service.report.rounding import quantity, with_uncertainty
+from service.report.rounding import compared_with_stated, quantity, ratio_with_uncertainty, with_uncertainty
 from service.report.svg import Axis, axis_over, decimated, element
 from service.report.verdict import asides, headline
-from service.report.words import compared_with_stated, in_plain_words, place_words, ratio_with_uncertainty
 
 SUBJECT = "x-axis.frf.h5 against hybrid.toml"
 MODEL = 'family = "hybrid"\n\n[parameters]\ntable_mass_kg = 20.54\n\n[effects.added-mass]\nmass_kg = 0.81\n'
 #: Names as a user's own file of effects might bring them.
 HOSTILE = '"><script>alert(1)</script>&amp;|`*'
+TEMPERATURE, LEVEL = ConditionAxis.TEMPERATURE, ConditionAxis.LEVEL
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 
 FAR_BEARING = FoundEffect(
@@ -62,22 +71,24 @@ ADDED_MASS = FoundEffect(
     equivalent_to=(),
     delta_bic=212.0,
     held_out_log_likelihood_gain=151.0,
-    remarks=("a stand-in for something else: no table is lighter than its parts",),
 )
 CANDIDATES = (
-    Candidate("thermal-preload", math.nan, math.nan, None, "N/K", "the temperature was the same in all conditions"),
+    Candidate("thermal-preload", math.nan, math.nan, None, "N/K", Untested(UntestedReason.NOT_VARIED, (TEMPERATURE,))),
     Candidate("guide-friction", -6.2, -0.4, 14.0, "N"),
     Candidate("loss-factor", 2.4, 0.3, 0.0021, "-"),
     Candidate("base-compliance", -11.9, -2.0, 4.3e-10, "m/N"),
     Candidate("wrong-parameter:bearing_stiffness_n_per_m", -13.0, -2.1, math.log(5.0), "-"),
     Candidate("wrong-parameter:table_mass_kg", -14.0, -2.2, 0.04, "-"),
 )
+FAR_END = MisfitPlace((Extent(Dimension.POSITION, (0.5, 0.85)), Extent(Dimension.BAND, (150.0, 200.0))))
+ONE_PRELOAD = MisfitPlace((Extent(Dimension.PRELOAD, (400.0, 400.0)), Extent(Dimension.BAND, (24.0, 60.0))))
 LOCALISATION = (
-    Misfit("position_mm 500..850, band 150..200 Hz", 8.31, MisfitKind.STIFFNESS, 3.0e-9),
-    Misfit("preload_n 400, band 24..60 Hz", 1.74, MisfitKind.UNCLEAR, 0.013),
+    Misfit(FAR_END, 8.31, MisfitKind.STIFFNESS, 3.0e-9),
+    Misfit(ONE_PRELOAD, 1.74, MisfitKind.UNCLEAR, 0.013),
 )
 SETTINGS = ("150 mm, 250 N", "300 mm, 250 N", "500 mm, 250 N", "700 mm, 250 N", "850 mm, 400 N, +6 kg, +15 K")
-BANDS = ("24–60 Hz", "60–120 Hz", "120–150 Hz", "150–200 Hz", "200–400 Hz", "400–800 Hz", "0.8–1.5 kHz")
+EDGES = (24.0, 60.0, 120.0, 150.0, 200.0, 400.0, 800.0, 1500.0)
+BANDS = tuple(Extent(Dimension.BAND, ends) for ends in pairwise(EDGES))
 
 
 def misfit_map() -> MisfitMap:
@@ -86,7 +97,8 @@ def misfit_map() -> MisfitMap:
     after = 1.0 + 0.15 * rng.standard_normal((len(SETTINGS), len(BANDS)))
     before = after + 9.0 * np.outer(np.linspace(0.1, 1.0, len(SETTINGS)), np.exp(-((np.arange(7) - 3.0) ** 2)))
     before[0, 6] = after[0, 6] = np.nan
-    return MisfitMap("acceleration-at-table", SETTINGS, BANDS, before, after)
+    rows = tuple(Extent(Dimension.SETTINGS, names=(name, name)) for name in SETTINGS)
+    return MisfitMap(None, rows, BANDS, before, after)
 
 
 def panels() -> tuple[Panel, ...]:
@@ -123,11 +135,11 @@ def explanation(outcome: Outcome) -> Explanation:
         localisation=LOCALISATION,
         remainder=(),
         gap=Gap("sigma", 1.0, GapPair(12.1, 12.6), GapPair(1.02, 1.07)),
-        steps=(Step("far-bearing-stiffness", GapPair(1.02, 1.07)),),
+        steps=(Step(("far-bearing-stiffness",), GapPair(1.02, 1.07)),),
         candidates=CANDIDATES,
         pulls={"position": 0.93, "preload": 1.12, "gain": 0.71, "table_mass_kg": 0.2},
         least_delta_bic=50.0,
-        next_measurement="Measure once more with a known mass of 6 kg: it separates added mass from screw stiffness.",
+        next_steps=(NextStep(StepKind.KNOWN_MASS, ConditionAxis.PAYLOAD, values={"mass_kg": 6.0}),),
         ln_ratios={"table_mass_kg": 0.02},
         added={"far-bearing-stiffness": {"stiffness_n_per_m": 3.8e7}},
         panels=panels(),
@@ -148,8 +160,8 @@ def explanation(outcome: Outcome) -> Explanation:
                 remainder=LOCALISATION[1:],
                 gap=Gap("Hz", 0.13, GapPair(63.3, 63.1), GapPair(2.7, 3.4)),
                 steps=(
-                    Step("far-bearing-stiffness", GapPair(7.27, 8.1)),
-                    Step("added-mass", GapPair(2.7, 3.4)),
+                    Step(("far-bearing-stiffness",), GapPair(7.27, 8.1)),
+                    Step(("added-mass",), GapPair(2.7, 3.4)),
                 ),
                 pulls={**named.pulls, "preload": 4.8},
             )
@@ -303,22 +315,26 @@ def page_of(example: Explanation) -> Page:
 def hostile(example: Explanation) -> Explanation:
     """Return the example with such names in all places that a file of a user can fill."""
     effect = replace(
-        example.effects[0], key=HOSTILE, name=HOSTILE, physics=HOSTILE, equivalent_to=(HOSTILE,), remarks=(HOSTILE,),
+        example.effects[0], key=HOSTILE, name=HOSTILE, physics=HOSTILE, equivalent_to=(HOSTILE,), aliases=(HOSTILE,),
         parameters={HOSTILE: replace(ADDED_MASS.parameters["mass_kg"], unit=HOSTILE)},
     )  # fmt: skip
+    hostile_extent = Extent(Dimension.CHANNEL, names=(HOSTILE,))
     panel = replace(example.panels[-1], title=HOSTILE, x_name=HOSTILE, y_name=HOSTILE)
     return replace(
         example,
         effects=(effect,),
-        localisation=(replace(LOCALISATION[0], where=HOSTILE),),
+        localisation=(replace(LOCALISATION[0], place=MisfitPlace((hostile_extent,))),),
         gap=replace(example.gap, unit=HOSTILE),
-        steps=(Step(HOSTILE, example.gap.after), Step(HOSTILE, example.gap.after)),
-        candidates=(Candidate(HOSTILE, 1.0, 1.0, 1.0, HOSTILE, HOSTILE), Candidate(HOSTILE, 1.0, 1.0, 1.0, HOSTILE)),
+        steps=(Step((HOSTILE,), example.gap.after), Step((HOSTILE,), example.gap.after)),
+        candidates=(
+            Candidate(HOSTILE, 1.0, 1.0, 1.0, HOSTILE, Untested(UntestedReason.TIME_UP)),
+            Candidate(HOSTILE, 1.0, 1.0, 1.0, HOSTILE),
+        ),
         pulls={HOSTILE: 1.0},
-        next_measurement=HOSTILE,
+        next_steps=(NextStep(StepKind.VARY, LEVEL, effects=(StepEffect(HOSTILE),)),),
         panels=(replace(panel, models={HOSTILE: panel.measured}),),
         gap_by_channel={HOSTILE: (1.0, 1.0), f"{HOSTILE} twice": (1.0, 1.0)},
-        maps=(MisfitMap(HOSTILE, (HOSTILE,), (HOSTILE,), np.array([[1.0]]), np.array([[np.nan]])),),
+        maps=(MisfitMap(None, (hostile_extent,), (hostile_extent,), np.array([[1.0]]), np.array([[np.nan]])),),
     )
 
 
@@ -457,7 +473,7 @@ def test_what_is_not_believed_is_flagged() -> None:
     page = page_of(EXAMPLES[Outcome.PARTIAL])
     assert len(page.all("article")) == 2
     assert len(page.all("article", class_="stand-in")) == 1
-    assert "a stand-in for something else: no table is lighter than its parts" in page.text()
+    assert "a stand-in for something else: mass = -13.6 kg is beyond its plausible range" in page.text()
     assert "stand-in" not in page_of(EXAMPLES[Outcome.NAMED]).text()
 
 
@@ -467,7 +483,7 @@ def test_verdict_comes_first_and_says_what_it_rests_on() -> None:
     assert "or “Axial stiffness of the screw” or 1 more, and these data cannot tell which" in texts[Outcome.EQUIVALENT]
     assert "and there is more that nothing in the catalogue explains" in texts[Outcome.PARTIAL]
     assert "What could still hide" in texts[Outcome.NONE]
-    assert "untestable: the temperature was the same in all conditions" in texts[Outcome.NONE]
+    assert "untestable: temperature does not vary" in texts[Outcome.NONE]
     assert "the gap is 6.30 % on the data that were fitted, since none could be held out" in texts[Outcome.UNKNOWN]
     assert (
         "No name fits, but this holds: nut stiffness at the nut varies with the excitation" in texts[Outcome.DESCRIBED]
@@ -549,13 +565,17 @@ def test_a_wrong_parameter_is_said_in_plain_words(ln_ratio, uncertainty, words, 
 
 def test_keys_are_small_print() -> None:
     """What is missing is said by its name; the key stands once beside it, for whoever writes a model file."""
+    unseen, warmer = ("thermal-preload", "thermal-stiffness"), {"warming_k": 15.0}
     wanted = replace(
         EXAMPLES[Outcome.EQUIVALENT],
         effects=(replace(FAR_BEARING, equivalent_to=("screw-axial-stiffness",)),),
-        next_measurement="vary the temperature, without which thermal-preload, thermal-stiffness cannot be seen",
+        next_steps=(NextStep(StepKind.VARY, TEMPERATURE, effects=tuple(map(StepEffect, unseen)), values=warmer),),
     )
     for text in (page_of(wanted).text(), explanation_markdown(wanted, "", "x")):
-        assert "Vary the temperature, without which “Preload that follows temperature”, “Springs that soften" in text
+        assert (
+            "Vary the temperature by 15 K, without which “Preload that follows temperature”, “Springs that soften"
+            in text
+        )
         assert "Friction of the guides" in text or "Coulomb friction of the guides" in text
     page = page_of(wanted)
     keys = {"far-bearing-stiffness", "screw-axial-stiffness", "guide-friction", "stiffness_n_per_m"}
@@ -564,14 +584,46 @@ def test_keys_are_small_print() -> None:
     assert all({"small", "code"} <= set(within) for within in inside.values())
 
 
-def test_words_of_places_and_of_what_is_no_key() -> None:
-    where = "position_mm 500..850, preload_n 400, band 24..60 Hz"
-    assert place_words(where) == "500 to 850 mm, 400 N, 24 to 60 Hz"
-    assert place_words('channel "acceleration-at-table, phase", mode 176..181 Hz') == (
-        "channel acceleration-at-table, phase, mode 176 to 181 Hz"
-    )
-    sentence = "use cross-talk of acceleration-at-table, not of my-own-effect"
-    assert in_plain_words(sentence) == sentence
+def test_places_are_said_by_keys_to_programs_and_in_words_to_people() -> None:
+    place = MisfitPlace((*FAR_END.extents[:1], *ONE_PRELOAD.extents))
+    assert place_sentence(place, KEYS) == "position_mm 500..850, preload_n 400, band 24..60 Hz"
+    assert place_sentence(place, NAMES) == "500 to 850 mm, 400 N, 24 to 60 Hz"
+    channels = Extent(Dimension.CHANNEL, names=("acceleration-at-table, phase", "b"))
+    mode = MisfitPlace((channels, Extent(Dimension.MODE, (176.3, 181.0))))
+    assert place_sentence(mode, KEYS) == 'channel "acceleration-at-table, phase" and "b", mode 176..181 Hz'
+    assert place_sentence(mode, NAMES) == "channel acceleration-at-table, phase and b, mode 176 to 181 Hz"
+    everywhere = MisfitPlace(changing_with=(LEVEL, TEMPERATURE))
+    assert place_sentence(everywhere, NAMES) == "everywhere, changing with excitation level and temperature"
+    assert quoted_name("my-own-effect") == "my-own-effect"
+
+
+def test_rows_of_a_map_are_not_cut() -> None:
+    """Three levels of excitation differ in what stands last."""
+    levels = tuple(Extent(Dimension.LEVEL, (level, level)) for level in (0.045, 0.15, 0.45))
+    shown = MisfitMap(LEVEL, levels, BANDS[:2], np.ones((3, 2)), np.ones((3, 2)))
+    page = page_of(replace(EXAMPLES[Outcome.NAMED], maps=(shown,)))
+    labels = [text for within, text in page.texts if within[-1:] == ("text",)]
+    assert {row_label(level) for level in levels} == {"level 0.045", "level 0.15", "level 0.45"} <= set(labels)
+
+
+@pytest.mark.parametrize("kind", StepKind)
+def test_every_step_has_a_sentence(kind) -> None:
+    """With all that a step can have; a condition that its kind speaks of."""
+    values = dict.fromkeys(
+        ("lowest_hz", "highest_hz", "lowest_n", "highest_n", "lowest_m", "highest_m", "step_m", "spacing_hz", "lowest",
+         "highest", "frequency_hz", "mass_kg", "warming_k", "factor", "factor_at_first", "factor_at_second", "pull",
+         "pull_of_others", "scatter_over_stated", "slower_m_per_s", "faster_m_per_s", "n_positions", "of_mean"), 5.0,
+    )  # fmt: skip
+    step = NextStep(
+        kind, TEMPERATURE, "nut_stiffness_n_per_m", "nut", ("300 mm", "500 mm"),
+        (StepEffect("added-mass", 2.0, "kg"), StepEffect("loss-factor", 4.0, "sigma")), values,
+        ((5.0, 1.1), (4.0, 0.9)),
+    )  # fmt: skip
+    by_key, by_name = step_sentence(step, KEYS), step_sentence(step, NAMES)
+    assert by_key == by_key.strip()
+    assert "added-mass" not in by_name
+    assert "_n_per_m" not in by_name
+    assert not set("{}") & {*by_key, *by_name}
 
 
 @pytest.mark.parametrize("outcome", Outcome)
@@ -700,4 +752,4 @@ def test_report_is_four_files_that_agree(tmp_path) -> None:
 
 def test_map_of_another_shape_than_its_names_is_refused() -> None:
     with pytest.raises(OutsideValidityError, match=r"must have the shape \(1, 2\)"):
-        MisfitMap("", ("a",), ("b", "c"), np.zeros((1, 2)), np.zeros((2, 1)))
+        MisfitMap(None, BANDS[:1], BANDS[:2], np.zeros((1, 2)), np.zeros((2, 1)))

@@ -1,4 +1,4 @@
-"""Say what a description may answer: the law of one quantity, or what swings at a port, in a fit of everything."""
+"""Define what a description may answer: the law of one quantity, or what swings at a port, in a fit of everything."""
 
 import math
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from functools import cached_property
 from monitor_core.discrepancy.description.bases import Base
 from monitor_core.discrepancy.description.laws import TriedLaw
 from monitor_core.discrepancy.description.quantities import Place
-from monitor_core.discrepancy.explanation import Described, FoundParameter
+from monitor_core.discrepancy.explanation import Described, DescribedAlternative, FoundParameter
 from monitor_core.discrepancy.screening.sizes import measured_band
 from monitor_core.discrepancy.verdict.classes import Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
@@ -45,11 +45,11 @@ class Answer:
         return str(self.tried.variation.quantity.place if self.tried else "" if port is None else _PLACES[port])
 
     @property
-    def words(self) -> str:
-        """What it says, in short."""
+    def as_alternative(self) -> DescribedAlternative:
+        """What it is beside a better one."""
         if self.tried is None:
-            return f"something that swings at the {self.place}"
-        return f"{self.tried.variation.quantity.name} at the {self.place}, {self.tried.law.variable}"
+            return DescribedAlternative(self.place)
+        return DescribedAlternative(self.place, self.tried.variation.quantity.name, self.tried.law.variable)
 
     @cached_property
     def scale(self) -> EvidenceScale:
@@ -108,8 +108,8 @@ def _parameters(answer: Answer, scale: EvidenceScale) -> dict[str, FoundParamete
     return found_parameters(Member(answer.effect, answer.fitted, evidence, True), answer.fitted, scale)
 
 
-def described_by(answer: Answer, alike: tuple[str, ...], scale: EvidenceScale) -> Described:
-    """Return an answer in the words of an explanation, with those of what is ``alike``."""
+def described_by(answer: Answer, alike: tuple[DescribedAlternative, ...], scale: EvidenceScale) -> Described:
+    """Return an answer as an explanation has it, with what is ``alike``."""
     fitted, tried = answer.fitted, answer.tried
     frequency, size, name = _swinging(answer)
     return Described(

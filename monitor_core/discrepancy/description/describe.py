@@ -18,7 +18,7 @@ from monitor_core.discrepancy.description.free_variation import FreeVariation, f
 from monitor_core.discrepancy.description.laws import TriedLaw, tried_law, tried_laws
 from monitor_core.discrepancy.description.no_form import without_form
 from monitor_core.discrepancy.description.quantities import contacts_for, hung_elsewhere, quantities_of
-from monitor_core.discrepancy.explanation import Described
+from monitor_core.discrepancy.explanation import Described, DescribedAlternative
 from monitor_core.discrepancy.search.clean import LEAST_SIZE
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.time_limit import TimeIsUpError
@@ -379,13 +379,13 @@ def _surpasses(final: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale)
 
 def _alike(
     baseline: Fitted[AxisPhysics], best: Answer, others: Sequence[Answer], scale: EvidenceScale
-) -> tuple[str, ...]:
-    """Return in words what the data do not distinguish from the best."""
+) -> tuple[DescribedAlternative, ...]:
+    """Return what the data do not distinguish from the best."""
     least = delta_bic(baseline, best.fitted, scale) - least_difference(best.fitted.comparison)
     return tuple(
         dict.fromkeys(
-            other.words
+            other.as_alternative
             for other in others
-            if other.words != best.words and delta_bic(baseline, other.fitted, scale) > least
+            if other.as_alternative != best.as_alternative and delta_bic(baseline, other.fitted, scale) > least
         )
     )

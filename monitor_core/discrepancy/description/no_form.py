@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor_core.discrepancy.description.free_variation import FreeVariation
-from monitor_core.discrepancy.explanation import Described
+from monitor_core.discrepancy.explanation import Described, DescribedAlternative
 from monitor_core.fitting.evidence import EvidenceScale, evidence_scale, least_difference
 from monitor_core.fitting.solver.costs_of_settings import fitted_numbers
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
@@ -46,7 +46,9 @@ def without_form(
         parameters={},
         effects=(),
         alternatives=tuple(
-            dict.fromkeys(f"{other.name} at the {other.place}" for other in alike if other is not best.quantity)
+            dict.fromkeys(
+                DescribedAlternative(str(other.place), other.name) for other in alike if other is not best.quantity
+            )
         ),
         share=1.0,
         delta_bic=evidence,

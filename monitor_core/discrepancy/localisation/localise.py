@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.discrepancy.explanation import Misfit, MisfitKind
+from monitor_core.discrepancy.explanation import Misfit, MisfitKind, MisfitPlace
 from monitor_core.discrepancy.localisation.joint_significance import LEVEL, ResidualsUnderTest, run_joint_tests
 from monitor_core.discrepancy.localisation.misfit_kind import (
     KindFound,
@@ -31,6 +31,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout
 from monitor_core.fitting.conditions.groups import (
     CONDITIONS,
+    Extent,
     Grouping,
     Indices,
     by_condition,
@@ -49,8 +50,8 @@ def varied_conditions_of_maps(layout: Layout) -> tuple[ConditionAxis, ...]:
 
 def misfit_map(
     layout: Layout, standardised: FloatArray, over: ConditionAxis | None, bands: int = 8
-) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
-    """Return the names of rows and columns, and the rms of the standardised misfit, shape (n_rows, n_columns).
+) -> tuple[tuple[Extent, ...], tuple[Extent, ...], FloatArray]:
+    """Return what rows and columns are, and the rms of the standardised misfit, shape (n_rows, n_columns).
 
     The rows are the values of a condition, or one row of everything. The columns are bands of frequency, modes, or
     stretches of settings one after the other, at most ``bands`` of them. The rms is NaN where there is no value.
@@ -63,7 +64,7 @@ def misfit_map(
     n = np.bincount(cell, minlength=n_cells)
     squares = np.bincount(cell, weights=standardised[both] ** 2, minlength=n_cells)
     mean = np.divide(squares, n, out=np.full(n_cells, np.nan), where=n > 0)
-    return rows.names, columns.names, np.sqrt(mean).reshape(rows.n_groups, columns.n_groups)
+    return rows.parts, columns.parts, np.sqrt(mean).reshape(rows.n_groups, columns.n_groups)
 
 
 #: A neighbour belongs to the place if it has this share of the mean square of the worst: half of its amplitude.
@@ -226,7 +227,8 @@ def _places(tested: ResidualsUnderTest, standardised: FloatArray) -> Iterator[Mi
             # Linear signatures leave a part of a large misfit, which may look like any other kind.
             worst, remnant = left, min(float(np.sqrt(max(1.0 - kind.share, 0.0))), _SKIRT)
         if left >= (_SKIRT if kind.kind in reported else remnant) * worst:
-            yield Misfit(_words(tested, chosen, found.trends), size, kind.kind, found.p_value)
+            extents = tuple(tested.groupings[index].extent(chosen[index]) for index in sorted(chosen))
+            yield Misfit(MisfitPlace(extents, () if extents else tuple(found.trends)), size, kind.kind, found.p_value)
         reported.add(kind.kind)
         # The value after the place has a part of its last one in it, where neighbours are correlated.
         rest = tested.counts & ~place & ~(place[tested.previous] & (tested.previous >= 0))
@@ -242,10 +244,3 @@ def _kind(tested: ResidualsUnderTest, chosen: Mapping[int, Sequence[int]], place
     return kind_of(
         tested.layout, tested.residuals, tested.signatures, place, within(tested.groupings, conditions, tested.counts)
     )
-
-
-def _words(tested: ResidualsUnderTest, chosen: Mapping[int, Sequence[int]], trends: Sequence[ConditionAxis]) -> str:
-    words = [tested.groupings[index].words(chosen[index]) for index in sorted(chosen)]
-    if not words:
-        words = ["everywhere", *(["changing with " + " and ".join(trends)] if trends else [])]
-    return ", ".join(words)

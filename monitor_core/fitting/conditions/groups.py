@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
@@ -15,18 +16,26 @@ from monitor_core.fitting.comparison import Layout
 
 Indices = npt.NDArray[np.intp]
 
-#: What a range along an axis is called, and its unit over that of the record.
-_AT_THE_EDGE: dict[ConditionAxis, tuple[str, float]] = {
-    ConditionAxis.POSITION: ("position_mm", 1e3),
-    ConditionAxis.PRELOAD: ("preload_n", 1.0),
-    ConditionAxis.PAYLOAD: ("payload_kg", 1.0),
-    ConditionAxis.TEMPERATURE: ("temperature_delta_c", 1.0),
-    ConditionAxis.LEVEL: ("excitation level", 1.0),
-    ConditionAxis.DIRECTION: ("direction", 1.0),
-    ConditionAxis.RECORD: ("record", 1.0),
-}
-CONDITIONS = tuple(_AT_THE_EDGE)
-_WITHOUT_ORDER = frozenset({ConditionAxis.DIRECTION, ConditionAxis.RECORD})
+
+class Dimension(StrEnum):
+    """What a part of the data extends over."""
+
+    POSITION = "position"
+    PRELOAD = "preload"
+    PAYLOAD = "payload"
+    TEMPERATURE = "temperature"
+    LEVEL = "excitation level"
+    DIRECTION = "direction"
+    RECORD = "record"
+    BAND = "band"
+    MODE = "mode"
+    CHANNEL = "channel"
+    SETTINGS = "settings"  # one after the other, as those of a motion record follow in time
+
+
+CONDITIONS = tuple(axis for axis in ConditionAxis if axis is not ConditionAxis.FREQUENCY)
+_OF_FREQUENCY = frozenset({Dimension.BAND, Dimension.MODE})
+_WITHOUT_ORDER = frozenset({Dimension.DIRECTION, Dimension.RECORD, Dimension.CHANNEL, Dimension.SETTINGS})
 #: More levels than these are put together with their neighbours.
 _MOST_LEVELS = 12
 #: With fewer values with a frequency in a setting and channel they are natural frequencies and not lines of a response.
@@ -39,44 +48,52 @@ _FEWEST_POSITIONS = 3
 _SCATTER = 0.99
 
 
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """A part of the data: a range of a condition or of frequency, or channels, directions, records or settings."""
+
+    dimension: Dimension
+    numbers: tuple[float, ...] = ()  # both ends of a range, or each direction or record; SI
+    names: tuple[str, ...] = ()  # each channel, or the first and the last of the settings
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Grouping:
-    """One way to group values; groups count from 0 in the order of the axis."""
+    """One way to group values; groups count from 0 in the order of the dimension."""
 
-    name: str  # with the unit: position_mm, band, channel
-    axis: ConditionAxis | None  # None: channels
-    group: Indices  # of each value, −1 where the axis is not stated, shape (n_values,)
-    lowest: tuple[str, ...]  # of each group, as written
-    highest: tuple[str, ...]
-    unit: str = ""  # where the name does not end with it
+    dimension: Dimension
+    group: Indices  # of each value, −1 where the dimension is not stated, shape (n_values,)
+    parts: tuple[Extent, ...]  # each group
 
     @property
     def n_groups(self) -> int:
         """How many groups there are."""
-        return len(self.lowest)
+        return len(self.parts)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """What each group is called by itself."""
-        return tuple(self.words([group]).strip() for group in range(self.n_groups))
+    def axis(self) -> ConditionAxis | None:
+        """Which condition it is, or frequency; None for channels and settings."""
+        if self.dimension in _OF_FREQUENCY:
+            return ConditionAxis.FREQUENCY
+        return None if self.dimension in (Dimension.CHANNEL, Dimension.SETTINGS) else ConditionAxis(self.dimension)
 
     @property
     def ordered(self) -> bool:
         """Whether neighbouring groups make a range."""
-        return self.axis is not None and self.axis not in _WITHOUT_ORDER
+        return self.dimension not in _WITHOUT_ORDER
 
     def holds(self, groups: Sequence[int]) -> BoolArray:
         """Return which values are in one of the groups, shape (n_values,)."""
         return np.isin(self.group, groups)
 
-    def words(self, groups: Sequence[int]) -> str:
-        """Return what the groups are called together: "position_mm 500..850"."""
+    def extent(self, groups: Sequence[int]) -> Extent:
+        """Return the groups together."""
+        parts = [self.parts[group] for group in groups]
         if self.ordered:
-            low, high = self.lowest[groups[0]], self.highest[groups[-1]]
-            levels = low if low == high else f"{low}..{high}"
-        else:
-            levels = " and ".join(self.lowest[group] for group in groups)
-        return f"{self.name} {levels}{self.unit}"
+            return Extent(self.dimension, (parts[0].numbers[0], parts[-1].numbers[-1]))
+        numbers = tuple(number for part in parts for number in part.numbers)
+        names = tuple(name for part in parts for name in part.names)
+        return Extent(self.dimension, numbers, names)
 
     def sums(self, values: FloatArray, of: BoolArray) -> FloatArray:
         """Return the sums of the chosen values over the groups, shape (n_groups,)."""
@@ -98,16 +115,14 @@ def by_frequency(layout: Layout, n_bands: int) -> Grouping | None:
     if not np.any(stated):
         return None
     frequency = layout.frequency[stated]
-    name, edges = "mode", _gaps(frequency)
+    dimension, edges = Dimension.MODE, _gaps(frequency)
     if has_lines(layout):
-        name, edges = "band", np.geomspace(np.min(frequency), np.max(frequency), n_bands + 1)[1:-1]
+        dimension, edges = Dimension.BAND, np.geomspace(np.min(frequency), np.max(frequency), n_bands + 1)[1:-1]
     group = np.full(layout.n_values, -1, dtype=np.intp)
     _, group[stated] = np.unique(np.searchsorted(edges, frequency, side="right"), return_inverse=True)
     of_groups = [layout.frequency[group == number] for number in range(int(np.max(group)) + 1)]
-    lowest, highest = (
-        tuple(f"{float(f'{at(frequencies):.3g}'):g}" for frequencies in of_groups) for at in (np.min, np.max)
-    )
-    return Grouping(name, ConditionAxis.FREQUENCY, group, lowest, highest, " Hz")
+    parts = (Extent(dimension, (float(np.min(within)), float(np.max(within)))) for within in of_groups)
+    return Grouping(dimension, group, tuple(parts))
 
 
 @lru_cache(maxsize=4)  # it is asked hundreds of times of the layout at hand
@@ -139,18 +154,17 @@ def modes_that_stay(layout: Layout) -> tuple[int, ...]:
 
 def by_condition(layout: Layout, axis: ConditionAxis) -> Grouping | None:
     """Group values by the level of one condition; None where no setting states it."""
-    name, per_unit = _AT_THE_EDGE[axis]
-    levels = levels_of(layout, axis) * per_unit
+    dimension, levels = Dimension(axis.value), levels_of(layout, axis)
     stated = np.isfinite(levels)
     distinct = sorted({float(f"{level:.6g}") for level in levels[stated]})
     if not distinct:
         return None
-    n_groups = len(distinct) if axis in _WITHOUT_ORDER else min(len(distinct), _MOST_LEVELS)
-    parts = np.array_split(np.array(distinct), n_groups)
+    n_groups = len(distinct) if dimension in _WITHOUT_ORDER else min(len(distinct), _MOST_LEVELS)
+    parts = [part.tolist() for part in np.array_split(np.array(distinct), n_groups)]
     between = [0.5 * (below[-1] + above[0]) for below, above in itertools.pairwise(parts)]
     of_setting = np.where(stated, np.searchsorted(between, np.nan_to_num(levels)), -1)
-    lowest, highest = (tuple(_written(axis, part[end]) for part in parts) for end in (0, -1))
-    return Grouping(name, axis, of_setting[layout.setting], lowest, highest)
+    ends = (part if dimension in _WITHOUT_ORDER else (part[0], part[-1]) for part in parts)
+    return Grouping(dimension, of_setting[layout.setting], tuple(Extent(dimension, tuple(each)) for each in ends))
 
 
 def levels_of(layout: Layout, axis: ConditionAxis) -> FloatArray:
@@ -177,22 +191,16 @@ def by_stretch(layout: Layout, n_stretches: int) -> Grouping:
     """Group values by consecutive settings, as those of a motion record follow in time."""
     parts = np.array_split(np.arange(len(layout.settings)), min(n_stretches, len(layout.settings)))
     of_setting = np.repeat(np.arange(len(parts)), [part.size for part in parts])
-    names = [[layout.settings[index].name for index in (part[0], part[-1])] for part in parts]
-    words = tuple(first if first == last else f"{first} to {last}" for first, last in names)
-    return Grouping("", None, of_setting[layout.setting], words, words)
+    names = (tuple(layout.settings[index].name for index in (part[0], part[-1])) for part in parts)
+    stretches = tuple(Extent(Dimension.SETTINGS, names=first_and_last) for first_and_last in names)
+    return Grouping(Dimension.SETTINGS, of_setting[layout.setting], stretches)
 
 
 def _by_channel(layout: Layout) -> Grouping:
-    quoted = tuple(f'"{channel}"' for channel in layout.channels)  # a name has commas of its own
-    return Grouping("channel", None, layout.channel, quoted, quoted)
+    channels = tuple(Extent(Dimension.CHANNEL, names=(channel,)) for channel in layout.channels)
+    return Grouping(Dimension.CHANNEL, layout.channel, channels)
 
 
 def _gaps(frequencies: FloatArray) -> FloatArray:
     rising = np.unique(frequencies)
     return rising[1:][rising[1:] > _NEXT_MODE * rising[:-1]]
-
-
-def _written(axis: ConditionAxis, level: float) -> str:
-    if axis is ConditionAxis.DIRECTION and level:
-        return "+" if level > 0.0 else "−"
-    return f"{float(f'{level:.4g}'):g}"

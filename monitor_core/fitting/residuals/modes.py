@@ -17,8 +17,9 @@ from itertools import pairwise
 import numpy as np
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
+from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.comparison import AsMeasured, Layout, Panel
+from monitor_core.fitting.comparison import AsMeasured, ChangedConditions, Layout, Panel
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.conditions.settings import SettingTolerances, known_mass, setting_of
 from monitor_core.fitting.observations import ModalObservation, conditions_in_order
@@ -92,7 +93,7 @@ class ModesComparison(AsMeasured):
             preload=None if stated.preload is None else stated.preload * factor,
         )
 
-    def imagined(self, physics: AxisPhysics) -> Mapping[str, "ModesComparison"]:
+    def imagined(self, physics: AxisPhysics) -> Mapping[ChangedConditions, "ModesComparison"]:
         """Return the settings with a known mass on the table, and halfway to the next position."""
         mass = known_mass(moving_mass(physics))
         heavier = tuple(replace(stated, payload_mass=stated.payload_mass + mass) for stated in self.conditions)
@@ -102,8 +103,8 @@ class ModesComparison(AsMeasured):
             replace(stated, position=between.get(stated.position, stated.position)) for stated in self.conditions
         )
         return {
-            f"with {mass:g} kg more on the table": replace(self, conditions=heavier),
-            "at positions in between": replace(self, conditions=moved),
+            ChangedConditions(ConditionAxis.PAYLOAD, mass): replace(self, conditions=heavier),
+            ChangedConditions(ConditionAxis.POSITION, 0.5): replace(self, conditions=moved),
         }
 
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:

@@ -18,8 +18,16 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, logarithm
+from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.comparison import CommonErrors, GapInSigma, Layout, Panel, amplitude_panels
+from monitor_core.fitting.comparison import (
+    ChangedConditions,
+    CommonErrors,
+    GapInSigma,
+    Layout,
+    Panel,
+    amplitude_panels,
+)
 from monitor_core.fitting.conditions.settings import WARMER, SettingTolerances, fitted_still, known_mass, setting_of
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.lines import case_of, clear_responses, with_phase_within_half_a_turn
@@ -122,15 +130,17 @@ class ResponsesComparison(GapInSigma):
         smearing = self.smearing.under(self._moved(errors))
         return replace(self, smearing=None, measured=self.measured - smearing.log_ratio(physics))
 
-    def imagined(self, physics: AxisPhysics) -> Mapping[str, "ResponsesComparison"]:
+    def imagined(self, physics: AxisPhysics) -> Mapping[ChangedConditions, "ResponsesComparison"]:
         """Return the settings with a known mass on the table, warmer, and excited more."""
         now, mass = self.lines.conditions, known_mass(moving_mass(physics))
-        others = {
-            f"with {mass:g} kg more on the table": replace(now, payload_mass=now.payload_mass + mass),
-            f"{WARMER:g} K warmer": replace(now, temperature_deviation=now.temperature_deviation + WARMER),
-            "at a third of the excitation": replace(now, excitation_level=now.excitation_level / 3.0),
+        heavier = replace(now, payload_mass=now.payload_mass + mass)
+        warmer = replace(now, temperature_deviation=now.temperature_deviation + WARMER)
+        softly = replace(now, excitation_level=now.excitation_level / 3.0)
+        return {
+            ChangedConditions(ConditionAxis.PAYLOAD, mass): self._under(heavier),
+            ChangedConditions(ConditionAxis.TEMPERATURE, WARMER): self._under(warmer),
+            ChangedConditions(ConditionAxis.LEVEL, 1.0 / 3.0): self._under(softly),
         }
-        return {words: self._under(conditions) for words, conditions in others.items()}
 
     @property
     def records(self) -> tuple[tuple[int, ...], ...]:

@@ -1,4 +1,4 @@
-"""Put what was found into an explanation: words, numbers and pictures of what the model lacks and what is left."""
+"""Put the result of a search into an explanation: what the model lacks, what is left, what was not found, pictures."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,16 +9,19 @@ from typing import Generic
 import numpy as np
 
 from monitor_core.discrepancy.explanation import (
+    Candidate,
     Described,
     Explanation,
     FoundEffect,
-    FoundParameter,
     Gap,
     GapPair,
     Misfit,
     MisfitMap,
     Outcome,
     Step,
+    Unfinished,
+    Untested,
+    UntestedReason,
 )
 from monitor_core.discrepancy.localisation.localise import (
     HealthyScatter,
@@ -27,26 +30,27 @@ from monitor_core.discrepancy.localisation.localise import (
     varied_conditions_of_maps,
 )
 from monitor_core.discrepancy.localisation.misfit_kind import signatures
+from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
-from monitor_core.discrepancy.verdict.next_measurement import next_measurement
-from monitor_core.discrepancy.verdict.not_found import candidates_not_found
+from monitor_core.discrepancy.verdict.next_steps import next_steps
 from monitor_core.discrepancy.verdict.outcome import Remainder
 from monitor_core.discrepancy.verdict.wandering import Wandering
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
-from monitor_core.effects.units import unit_sentence
+from monitor_core.effects.units import recorded_unit
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Panel
+from monitor_core.fitting.conditions.settings import varied_conditions
 from monitor_core.fitting.evidence import EvidenceScale
-from monitor_core.fitting.hold_out import gap_of
+from monitor_core.fitting.hold_out import gain, gap_of
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged(Generic[Physics]):
-    """What an answer comes to, before it is put into words."""
+    """What an answer comes to, before it is put into an explanation."""
 
     outcome: Outcome
     found: Found[Physics]
@@ -56,7 +60,7 @@ class Judged(Generic[Physics]):
     wanders: Mapping[str, Wandering]  # by the key of the effect
     hidden: tuple[str, ...]  # keys of effects that hide in the remainder
     described: tuple[Described, ...]
-    unfinished: str
+    unfinished: Unfinished | None
 
 
 def explanation_of(
@@ -66,7 +70,6 @@ def explanation_of(
     found, final, classes, outcome = judged.found, judged.final, judged.classes, judged.outcome
     comparison, scale = final.comparison, found.evidence_scale
     scatter = HealthyScatter(scale.correlation, math.sqrt(max(scale.mean_square, 1.0)))
-    not_tried = "time was up" if judged.unfinished else None
     return Explanation(
         outcome=outcome,
         effects=tuple(_found_effect(group, final, scale, judged.wanders) for group in classes),
@@ -74,10 +77,10 @@ def explanation_of(
         remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final)),
         steps=_steps(found, classes),
-        candidates=candidates_not_found(found, candidates, classes, not_tried=not_tried),
+        candidates=candidates_not_found(found, candidates, classes, time_was_up=judged.unfinished is not None),
         pulls={name: math.sqrt(value) for name, value in judged.remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
-        next_measurement=next_measurement(found, classes, outcome, candidates, sizes, described=judged.described),
+        next_steps=next_steps(found, classes, outcome, candidates, sizes, described=judged.described),
         ln_ratios=_ln_ratios(final),
         added={key: values for key, values in _values(final).items() if not key.startswith(PREFIX)},
         panels=_panels(found),
@@ -103,32 +106,13 @@ def _values(final: Fitted[Physics]) -> dict[str, dict[str, float]]:
 def _found_effect(
     group: EquivalenceClass[Physics], stated: Fitted[Physics], scale: EvidenceScale, wanders: Mapping[str, Wandering]
 ) -> FoundEffect:
-    """Return the representative of a class with its parameters and remarks, as the augmented model states it."""
+    """Return the representative of a class with its parameters, as the augmented model states it."""
     member = group.representative
     parameters = found_parameters(member, stated, scale)
-    remarks = [f"the same finding as {key}" for key in group.aliases]
-    remarks += [
-        f"a stand-in for something else: {name} = {_value(parameter)} is beyond its plausible range"
-        for name, parameter in parameters.items()
-        if not parameter.plausible
-    ]
-    if group.stands_in_for:
-        remarks += [
-            f"a stand-in for something else: {group.stands_in_for} would explain more, which such data cannot tell"
-        ]
-    remarks += [
-        f"{name} = {_value(parameter)} is at an end of the range that is searched"
-        for name, parameter in parameters.items()
-        if parameter.at_end
-    ]
-    if (found := wanders.get(member.effect.key)) is not None:
-        remarks += [
-            "a stand-in for something whose frequency wanders: it would be "
-            f"{found.lowest:.4g} Hz at one setting and {found.highest:.4g} Hz at another"
-        ]
+    wandering, unit = wanders.get(member.effect.key), None
     if "ln_factor" in parameters:
         estimate = parameters["ln_factor"].estimate
-        remarks += [unit_sentence(member.effect.name, estimate.value, estimate.standard_uncertainty)]
+        unit = recorded_unit(member.effect.name, estimate.value, estimate.standard_uncertainty)
     return FoundEffect(
         key=member.effect.key,
         name=member.effect.name,
@@ -137,8 +121,10 @@ def _found_effect(
         equivalent_to=group.others,
         delta_bic=member.delta_bic,
         held_out_log_likelihood_gain=group.held_out_gain,
-        remarks=tuple(remarks),
+        aliases=group.aliases,
         stands_in_for=group.stands_in_for,
+        wanders_between=None if wandering is None else (wandering.lowest, wandering.highest),
+        recorded_unit=unit,
     )
 
 
@@ -150,17 +136,13 @@ def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) 
     for earlier, later in zip((found.baseline, *found.steps), found.steps, strict=False):
         added = [effect.key for effect in later.hypothesis.effects if effect.key not in earlier.hypothesis.keys]
         left = found.final if later is found.steps[-1] else later
-        steps.append(Step(" + ".join(named.get(key, key) for key in added), _gap_pair(left)))
+        steps.append(Step(tuple(named.get(key, key) for key in added), _gap_pair(left)))
     return tuple(steps)
 
 
 def _gap_pair(fitted: Fitted[Physics]) -> GapPair:
     """Return the gap of a fit on the values it saw and on those it did not."""
     return GapPair(fitted.gap, gap_of(fitted.comparison, fitted.held_out))
-
-
-def _value(parameter: FoundParameter) -> str:
-    return f"{parameter.estimate.value:.3g}" + ("" if parameter.unit == "-" else f" {parameter.unit}")
 
 
 def _misfits(
@@ -188,8 +170,7 @@ def _maps(found: Found[Physics]) -> tuple[MisfitMap, ...]:
     for over in varied_conditions_of_maps(layout) or (None,):
         rows, columns, before = misfit_map(layout, found.baseline.standardised, over)
         _, _, after = misfit_map(layout, found.final.standardised, over)
-        title = "Misfit in standard deviations" + ("" if over is None else f" over {over}")
-        maps.append(MisfitMap(title, rows, columns, before, after))
+        maps.append(MisfitMap(over, rows, columns, before, after))
     return tuple(maps)
 
 
@@ -208,3 +189,80 @@ def _parameter_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
     hypothesis = fitted.hypothesis
     pulls = fitted.coordinates[: hypothesis.n_uncertain].tolist()
     return dict(zip(hypothesis.uncertain, pulls, strict=True))
+
+
+# --- what was not found
+
+
+def candidates_not_found(
+    found: Found[Physics],
+    candidates: Sequence[Effect[Physics]],
+    classes: Sequence[EquivalenceClass[Physics]],
+    *,
+    time_was_up: bool = False,
+) -> tuple[Candidate, ...]:
+    """Return which of the candidates are in no class of an accepted effect, best supported first.
+
+    Where ``time_was_up`` some of them were not screened for that.
+    """
+    reported = {key for group in classes for key in (group.representative.effect.key, *group.aliases, *group.untested)}
+    rivals = {
+        rival.effect.key: (rival, accepted.without, group.representative.effect.key)
+        for accepted, group in zip(found.accepted, classes, strict=True)
+        for rival in accepted.rivals
+    }
+    screened = {result.effect.key: result for result in found.screened}
+    answers: dict[str, Candidate] = {}
+    for effect in candidates:
+        if effect.key in reported or effect.key in answers:
+            continue
+        result = screened.get(effect.key)
+        limit = _detection_limit(result, found)
+        evidence, held_out, untested, replaced = math.nan, math.nan, None, None
+        if effect.key in found.final.hypothesis.keys:  # no larger than every axis may have it
+            answers[effect.key] = Candidate(effect.key, evidence, held_out, effect.ordinary, effect.parameters[0].unit)
+            continue
+        if effect.key in rivals:
+            rival, without, replaced = rivals[effect.key]
+            evidence = rival.delta_bic  # in the place of what was accepted
+            held_out = gain(without.held_out, rival.fitted.held_out, found.evidence_scale)
+        elif result is not None and limit is not None:
+            scale = found.evidence_scale
+            evidence = scale.factor * result.decrease - scale.penalty(len(effect.parameters))
+        else:
+            untested = _why_untested(effect, result, found, time_was_up=time_was_up)
+            if untested is None:
+                continue
+        unit = effect.parameters[0].unit
+        answers[effect.key] = Candidate(effect.key, evidence, held_out, limit, unit, untested, replaced)
+    return tuple(sorted(answers.values(), key=_rank))
+
+
+def _rank(candidate: Candidate) -> float:
+    return -candidate.delta_bic if math.isfinite(candidate.delta_bic) else math.inf
+
+
+def _why_untested(
+    effect: Effect[Physics], result: Screened[Physics] | None, found: Found[Physics], *, time_was_up: bool
+) -> Untested | None:
+    """Return why nothing could be seen of an effect; None where the axis lacks what it acts on."""
+    applies = effect.applies(found.final.physics())
+    if time_was_up and result is None and applies:
+        return Untested(UntestedReason.TIME_UP)
+    missing = tuple(sorted(effect.needs - varied_conditions(found.final.comparison.layout)))
+    if missing:
+        return Untested(UntestedReason.NOT_VARIED, missing)
+    if result is None:
+        return Untested(UntestedReason.NO_ANSWER) if applies else None
+    return Untested(UntestedReason.BELOW_NOISE if result.information > 0.0 else UntestedReason.WITHOUT_TRACE)
+
+
+def _detection_limit(result: Screened[Physics] | None, found: Found[Physics]) -> float | None:
+    """Return the value of the first parameter that would be seen; None if there is none within its range."""
+    if result is None or result.information <= 0.0:
+        return None
+    scale, parameter = found.evidence_scale, result.effect.parameters[0]
+    needed = found.least_delta_bic + scale.penalty(len(result.effect.parameters))
+    limit = abs(parameter.scale) * math.sqrt(needed / (scale.factor * result.information))
+    limit = max(limit, result.effect.ordinary, result.effect.least)
+    return limit if limit <= max(abs(parameter.lower), abs(parameter.upper)) else None

@@ -1,0 +1,500 @@
+"""Put the records of an explanation into sentences, by the keys that files and programs use or by names for people."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+from monitor_core.discrepancy import (
+    AMPLITUDE_LAW,
+    TIME_LAW,
+    DescribedAlternative,
+    Dimension,
+    Explanation,
+    Extent,
+    FoundEffect,
+    FoundParameter,
+    MisfitPlace,
+    NextStep,
+    StepKind,
+    Unfinished,
+    Untested,
+    UntestedReason,
+)
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, ConditionAxis
+
+
+@dataclass(frozen=True, slots=True)
+class Wording:
+    """How sentences call effects, parameters and parts of the data."""
+
+    effect: Callable[[str], str]  # of its key
+    parameter: Callable[[str], str]  # of its name in files
+    extent: Callable[[Extent], str]
+    longest_list: int | None  # of effects that cannot be seen; of a longer one the rest is counted
+
+
+# --- names for people
+
+#: Ends of names in files that say a unit, longer ones first; the value beside the name has it.
+_UNITS: Final = (
+    "_nms_per_rad", "_nm_per_rad", "_ns_per_m", "_n_per_m", "_m_per_n", "_n_per_k", "_kg_per_m3", "_kg_m2", "_per_m2",
+    "_per_kg", "_per_k", "_kg", "_nm", "_mm", "_hz", "_s2", "_pa", "_n", "_m", "_s", "_c",
+)  # fmt: skip
+#: What names in files are built of, where the words of a sentence are others.
+_PLAIN: Final = {"ln_ratio": "size", "youngs": "Young's", "nut_stiffness": "nut rigidity"}
+
+
+@cache
+def _names() -> dict[str, str]:
+    of_motion = {effect.key: effect.name for effect in MOTION_EFFECTS}
+    return (
+        of_motion
+        | {effect.key: effect.name for effect in DRIVE_EFFECTS}
+        | {
+            AMPLITUDE_LAW: "Something that goes with the excitation by a law of its own",
+            TIME_LAW: "Something that changes from one measurement to the next",
+        }
+    )
+
+
+def name_of(key: str) -> str:
+    """Return the name of an effect by its key; a user's own, of which there is no name, by its key."""
+    if key.startswith(PREFIX):
+        words = parameter_words(key.removeprefix(PREFIX))
+        return f"{words[:1].upper()}{words[1:]} other than stated"
+    return _names().get(key, key)
+
+
+def quoted_name(key: str) -> str:
+    """Return the name of an effect as it stands inside a sentence."""
+    return f"“{name_of(key)}”" if key in _names() or key.startswith(PREFIX) else key
+
+
+def parameter_words(name: str) -> str:
+    """Return what a parameter is called, without its unit: ``table_mass_kg`` is the table mass."""
+    if name in _PLAIN:
+        return _PLAIN[name]
+    words = next((name.removesuffix(unit) for unit in _UNITS if name.endswith(unit)), name)
+    return " ".join(_PLAIN.get(word, word) for word in _PLAIN.get(words, words).split("_"))
+
+
+# --- places
+
+
+@dataclass(frozen=True, slots=True)
+class _DimensionWords:
+    """What stands about the levels of a dimension: its key before and a unit behind, or words on both sides."""
+
+    key: str
+    behind_key: str
+    before: str
+    behind: str
+    per_unit: float = 1.0  # of what is shown in one SI unit
+    digits: int = 4
+
+
+_DIMENSIONS: Final = {
+    Dimension.POSITION: _DimensionWords("position_mm ", "", "", " mm", 1e3),
+    Dimension.PRELOAD: _DimensionWords("preload_n ", "", "", " N"),
+    Dimension.PAYLOAD: _DimensionWords("payload_kg ", "", "", " kg payload"),
+    Dimension.TEMPERATURE: _DimensionWords("temperature_delta_c ", "", "", " K warmer"),
+    Dimension.LEVEL: _DimensionWords("excitation level ", "", "excitation level ", ""),
+    Dimension.DIRECTION: _DimensionWords("direction ", "", "direction ", ""),
+    Dimension.RECORD: _DimensionWords("record ", "", "record ", ""),
+    Dimension.BAND: _DimensionWords("band ", " Hz", "", " Hz", digits=3),
+    Dimension.MODE: _DimensionWords("mode ", " Hz", "mode ", " Hz", digits=3),
+    Dimension.CHANNEL: _DimensionWords("channel ", "", "channel ", ""),
+    Dimension.SETTINGS: _DimensionWords("", "", "", ""),
+}
+_WITHOUT_ORDER: Final = frozenset({Dimension.DIRECTION, Dimension.RECORD, Dimension.CHANNEL})
+
+
+def extent_by_key(extent: Extent) -> str:
+    """Return a part of the data as programs know it: "position_mm 500..850"."""
+    words = _DIMENSIONS[extent.dimension]
+    names = [f'"{name}"' for name in extent.names] if extent.dimension is Dimension.CHANNEL else extent.names
+    to = " to " if extent.dimension is Dimension.SETTINGS else ".."
+    return f"{words.key}{_levels(extent, names, to)}{words.behind_key}"
+
+
+def extent_in_words(extent: Extent) -> str:
+    """Return a part of the data as people know it: "500 to 850 mm"."""
+    words = _DIMENSIONS[extent.dimension]
+    return f"{words.before}{_levels(extent, extent.names, ' to ')}{words.behind}"
+
+
+def row_label(extent: Extent) -> str:
+    """Return a part of the data as it stands beside a row of a picture, where there is little room."""
+    if extent.dimension is Dimension.LEVEL:
+        return f"level {_levels(extent, (), ' to ')}"
+    return extent_in_words(extent)
+
+
+def _levels(extent: Extent, names: Sequence[str], to: str) -> str:
+    """Return both ends of a range, or one by one what has no order."""
+    levels = [*(_level(extent.dimension, number) for number in extent.numbers), *names]
+    if extent.dimension in _WITHOUT_ORDER:
+        return " and ".join(levels)
+    return levels[0] if levels[0] == levels[-1] else f"{levels[0]}{to}{levels[-1]}"
+
+
+def _level(dimension: Dimension, number: float) -> str:
+    if dimension is Dimension.DIRECTION and number:
+        return "+" if number > 0.0 else "−"
+    words = _DIMENSIONS[dimension]
+    return plain(words.per_unit * number, words.digits)
+
+
+def place_sentence(place: MisfitPlace, wording: Wording) -> str:
+    """Return where a misfit is."""
+    if place.extents:
+        return ", ".join(map(wording.extent, place.extents))
+    return "everywhere" + (f", changing with {' and '.join(place.changing_with)}" if place.changing_with else "")
+
+
+def map_title(over: ConditionAxis | None) -> str:
+    """Return the title of a map of the misfit over a condition, or over none."""
+    return "Misfit in standard deviations" + ("" if over is None else f" over {over}")
+
+
+#: How files and programs call what people call by names.
+KEYS: Final = Wording(str, str, extent_by_key, None)
+NAMES: Final = Wording(quoted_name, parameter_words, extent_in_words, 3)
+
+
+# --- what goes with an effect, and with what was not tested
+
+
+def remarks(effect: FoundEffect, wording: Wording) -> Iterator[str]:
+    """Yield what goes with a found effect: the same finding under other keys, and why it may stand in for another."""
+    for key in effect.aliases:
+        yield f"the same finding as {wording.effect(key)}"
+    for name, found in effect.parameters.items():
+        if not found.plausible:
+            value = f"{wording.parameter(name)} = {_value(found)}"
+            yield f"a stand-in for something else: {value} is beyond its plausible range"
+    if effect.stands_in_for:
+        other = wording.effect(effect.stands_in_for)
+        yield f"a stand-in for something else: {other} would explain more, which such data cannot tell"
+    for name, found in effect.parameters.items():
+        if found.at_end:
+            yield f"{wording.parameter(name)} = {_value(found)} is at an end of the range that is searched"
+    if effect.wanders_between is not None:
+        lowest, highest = effect.wanders_between
+        yield (
+            f"a stand-in for something whose frequency wanders: it would be {lowest:.4g} Hz at one setting and "
+            f"{highest:.4g} Hz at another"
+        )
+    if (unit := effect.recorded_unit) is not None:
+        units = f", as by {' or '.join(unit.units)}" if unit.units else "; a unit, or a scale (volts, amperes)?"
+        yield f"{unit.quantity} not in {unit.stated}: what is recorded is {unit.factor:.3g} times what is stated{units}"
+
+
+def _value(found: FoundParameter) -> str:
+    return _with_unit(found.estimate.value, found.unit)
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:.3g}" + ("" if unit == "-" else f" {unit}")
+
+
+_UNTESTED: Final = {
+    UntestedReason.NO_ANSWER: "the model has no answer with it",
+    UntestedReason.BELOW_NOISE: "no value within its range would be seen",
+    UntestedReason.WITHOUT_TRACE: "nothing that was measured moves with it",
+    UntestedReason.TIME_UP: "time was up",
+}
+
+
+def untested_sentence(untested: Untested) -> str:
+    """Return why an effect could not be tested."""
+    if untested.reason is UntestedReason.NOT_VARIED:
+        return f"{', '.join(untested.not_varied)} does not vary"
+    return _UNTESTED[untested.reason]
+
+
+def unfinished_sentence(unfinished: Unfinished, wording: Wording) -> str:
+    """Return what a search was doing when its time was up, and what it had not tried."""
+    listed = ", ".join(map(wording.effect, unfinished.untried))
+    untried = f"no fit had tried {listed}" if listed else "every effect had been tried in some fit"
+    return (
+        f"Time was up while {unfinished.doing}: {untried}, and what else would do in the place of what was found was "
+        "not looked for to the end; give it more time to be sure of the answer."
+    )
+
+
+def assumption_sentences(explanation: Explanation) -> Iterator[str]:
+    """Yield what was assumed before anything was compared, and which parameters were not free."""
+    yield from explanation.assumptions
+    if explanation.taken_as_exact:
+        listed = ", ".join(explanation.taken_as_exact)
+        yield f"Taken as exact, since [uncertain] does not list it: {listed}."
+
+
+def alternative_sentence(alternative: DescribedAlternative, wording: Wording) -> str:
+    """Return what the data do not distinguish from what was described."""
+    if not alternative.parameter:
+        return f"something that swings at the {alternative.place}"
+    varying = "" if alternative.varies_with is None else f", {alternative.varies_with}"
+    return f"{wording.parameter(alternative.parameter)} at the {alternative.place}{varying}"
+
+
+# --- what to do next
+
+
+def next_measurement(steps: Sequence[NextStep], wording: Wording = KEYS) -> str:
+    """Return all steps in one sentence; empty where nothing is open."""
+    return "; ".join(step_sentence(step, wording) for step in steps)
+
+
+def step_sentence(step: NextStep, wording: Wording) -> str:
+    """Return what to measure or to check next, without a capital and a full stop."""
+    special = _SPECIAL.get(step.kind)
+    if special is not None:
+        return special(step, wording)
+    return _TEXTS[step.kind].format(**_fields(step, wording))
+
+
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits and without a power of ten, where one can read it so."""
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
+class _Number(float):
+    """A number that a text shows with three digits, or with as many as it says."""
+
+    def __format__(self, digits: str) -> str:
+        return plain(float(self), int(digits or 3))
+
+
+def _fields(step: NextStep, wording: Wording) -> dict[str, str | _Number]:
+    """Return what a text may name."""
+    names = {
+        "channel": step.quantity,
+        "parameter": wording.parameter(step.quantity),
+        "tag": _tag(step.quantity),
+        "place": step.place,
+        "setting": step.settings[0] if step.settings else "",
+        "second_setting": step.settings[-1] if step.settings else "",
+        "effect": wording.effect(step.effects[0].key) if step.effects else "",
+        "factor_in_percent": _percent(step.values.get("factor", math.nan)),
+        "size": " and ".join(
+            f"{plain(step.values[name])} {unit}"
+            for name, unit in (("mass_kg", "kg"), ("inertia_kg_m2", "kg·m²"))
+            if name in step.values
+        ),
+    }
+    return names | {name: _Number(value) for name, value in step.values.items()}
+
+
+def _tag(error: str) -> str:
+    """Return what an error of settings is called: "gain 2" is that of a channel."""
+    return f"gain (channel {error.removeprefix('gain ')})" if error.startswith("gain") else error
+
+
+def _percent(factor: float) -> str:
+    return f"{plain(100.0 * factor)} %" if math.isfinite(factor) else "hardly any"
+
+
+_TEXTS: Final = {
+    StepKind.REPEAT_IN_RANDOM_ORDER: (
+        "measure the first settings once more at the end, and all of them in random order, which distinguishes "
+        "{effect} from what changes with time"
+    ),
+    StepKind.THREE_LEVELS: (
+        "measure some of the settings at a third of the usual excitation and at three times as much, which "
+        "distinguishes {effect} from what goes with the excitation by another law"
+    ),
+    StepKind.TWO_SETTINGS: (
+        "measure {setting} and {second_setting} again, three times in turns: {parameter} at the {place} would be "
+        "{factor_at_first} times what it is at the first and {factor_at_second} times at the second; what stays "
+        "follows from how the axis is set, what does not from time"
+    ),
+    StepKind.TAP_SCREW: (
+        "tap the screw across, near its middle, with an accelerometer on it there: one that bends rings at "
+        "{frequency_hz} Hz; then look whether nut, guides and bearings are in line"
+    ),
+    StepKind.HOLD_PART: (
+        "look at the {place} for what swings at {frequency_hz} Hz with {size}, hold it fast or take it off, and "
+        "measure {setting} again from {lowest_hz} to {highest_hz} Hz: the resonance must go"
+    ),
+    StepKind.REPEAT_NOW: (
+        "measure {setting}, the first that was measured, again now: {parameter} would be {factor_in_percent} of what "
+        "it was then, if it goes with time"
+    ),
+    StepKind.LOWER_LEVEL: (
+        "measure {setting} at a third of the excitation, too: what then changes depends on the amplitude, as friction "
+        "and play do"
+    ),
+    StepKind.REPEAT_FIRST: (
+        "repeat {setting}, the first that was measured, in the middle and at the end: what differs is a drift, and no "
+        "model has it"
+    ),
+    StepKind.CHECK_TAG: (
+        "check the tag of {setting}: its {tag} would have to be {pull:2} of its standard deviations from what is "
+        "stated, where others have {pull_of_others:1}"
+    ),
+    StepKind.READ_TAGS: (
+        "read the {tag} of every record again, first that of {setting}: they scatter {scatter_over_stated:2} times as "
+        "much as is stated"
+    ),
+    StepKind.CHECK_GAIN: (
+        "check unit and gain of {channel}: it is {factor} times the model's from {lowest_hz} to {highest_hz} Hz alike"
+    ),
+    StepKind.SECOND_ACCELEROMETER: (
+        "put a second accelerometer elsewhere, on the bed, the nut or a cover, and measure from {lowest_hz} to "
+        "{highest_hz} Hz with lines at most {spacing_hz:2} Hz apart: a peak that stays there at all positions is of "
+        "what swings by itself, one that wanders is of the drive"
+    ),
+    StepKind.RESPONSES_ABOUT: (
+        "measure whole responses about {frequency_hz} Hz: one frequency does not say what its mode moves"
+    ),
+    StepKind.MORE_PRELOADS: (
+        "measure more preloads about {lowest_n:4} to {highest_n:4} N, one of them twice, newly set each time"
+    ),
+    StepKind.WEIGH_PAYLOAD: "weigh what is on the table at {mass_kg:4} kg, and measure without and with half of it",
+    StepKind.COLD_AGAIN: (
+        "measure {warming_k:4} K warmer and cold again: what does not come back is no temperature"
+    ),
+    StepKind.MORE_LEVELS: "measure {setting} at levels of {lowest:4} to {highest:4} and two between them",
+    StepKind.ANOTHER_SENSOR: (
+        "measure {setting} again with another sensor and cable for {channel}, which alone holds most of what is left"
+    ),
+    StepKind.OTHER_SPEEDS: (
+        "repeat the motion forward and backward at half and at twice the speed, {slower_m_per_s:2} and "
+        "{faster_m_per_s:2} m/s: friction goes with speed and direction, a mass with the acceleration alone"
+    ),
+    StepKind.MOVE_KNOWN_MASS: "measure it with a known mass of {mass_kg} kg on the table, too",
+}  # fmt: skip
+
+
+def _other_conditions(step: NextStep, wording: Wording) -> str:
+    changes = {
+        ConditionAxis.PAYLOAD: "with {mass_kg} kg more on the table",
+        ConditionAxis.TEMPERATURE: "{warming_k} K warmer",
+        ConditionAxis.LEVEL: "at a third of the excitation",
+        ConditionAxis.POSITION: "at positions in between",
+    }
+    change = "" if step.condition is None else changes[step.condition].format(**_fields(step, wording))
+    first, *others = step.effects
+    listed = " and from ".join(f"{wording.effect(other.key)} by {other.amount:.0f}" for other in others)
+    return (
+        f"measure all settings {change}: {wording.effect(first.key)} would then differ from {listed} standard "
+        "deviations"
+    )
+
+
+def _look_at_parts(step: NextStep, wording: Wording) -> str:
+    first, *others = (wording.effect(effect.key) for effect in step.effects)
+    sizes = " or ".join(
+        f"{wording.effect(effect.key)} of {_with_unit(effect.amount, effect.unit)}" for effect in step.effects
+    )
+    return (
+        f"no change of conditions distinguishes {first} from {' or '.join(others)}: look at the parts themselves, "
+        f"{sizes}, or change one of them on purpose and measure {step.settings[0]} again"
+    )
+
+
+def _band(step: NextStep) -> str:
+    if "lowest_hz" not in step.values:
+        return ""
+    return f" from {plain(step.values['lowest_hz'], 2)} to {plain(step.values['highest_hz'], 2)} Hz"
+
+
+def _responses_to_distinguish(step: NextStep, wording: Wording) -> str:
+    first, *others = (wording.effect(effect.key) for effect in step.effects)
+    return f"measure whole frequency responses{_band(step)}, which distinguish {first} from {' and '.join(others)}"
+
+
+def _more_positions(step: NextStep, wording: Wording) -> str:
+    del wording
+    length = step.values.get("screw_length_m")
+    along = "" if length is None else f" along the {plain(1e3 * length)} mm of the screw"
+    return f"measure at {step.values['n_positions']:g} positions or more{along}"
+
+
+def _known_mass(step: NextStep, wording: Wording) -> str:
+    del wording
+    mass = step.values.get("mass_kg")
+    return "measure with and without a known added mass" + ("" if mass is None else f" of {mass:g} kg")
+
+
+#: By how much to vary a condition, where it is known.
+_BY: Final = {
+    ConditionAxis.TEMPERATURE: " by {warming_k} K",
+    ConditionAxis.LEVEL: " to a third and to three times of what it is",
+    ConditionAxis.PRELOAD: " from {lowest_n:2} to {highest_n:2} N",
+    ConditionAxis.RECORD: " with a second motion at {speed_m_per_s:2} m/s",
+}
+
+
+def _vary(step: NextStep, wording: Wording) -> str:
+    names, most = [wording.effect(effect.key) for effect in step.effects], wording.longest_list
+    unseen = ", ".join(names)
+    if most is not None and len(names) > most + 1:
+        unseen = f"{', '.join(names[:most])} and {len(names) - most} more"
+    if step.condition is ConditionAxis.FREQUENCY or step.condition is None:
+        what = f"measure whole frequency responses{_band(step)}"
+    else:
+        is_known = step.values or step.condition is ConditionAxis.LEVEL
+        by = _BY.get(step.condition, "") if is_known else ""
+        what = f"vary the {step.condition}{by.format(**_fields(step, wording))}"
+    return f"{what}, without which {unseen} cannot be seen"
+
+
+#: Units of what a law may follow, and how many of those one SI unit is.
+_SHOWN_IN: Final[Mapping[ConditionAxis | None, tuple[str, float]]] = {
+    ConditionAxis.POSITION: (" mm", 1e3),
+    ConditionAxis.PRELOAD: (" N", 1.0),
+    ConditionAxis.PAYLOAD: (" kg", 1.0),
+    ConditionAxis.TEMPERATURE: (" K", 1.0),
+    ConditionAxis.LEVEL: ("", 1.0),  # N or N·m, by what excites
+}
+
+
+def _within_turn(step: NextStep, wording: Wording) -> str:
+    unit, per_unit = _SHOWN_IN[step.condition]
+    listed = ", ".join(plain(per_unit * level, 4) for level, _ in step.expected)
+    factors = ", ".join(_percent(factor) for _, factor in step.expected)
+    whole = "its mean" if step.values["of_mean"] else "what is stated"
+    return (
+        f"measure within one turn of the screw, at {listed}{unit}: {wording.parameter(step.quantity)} would be "
+        f"{factors} of {whole}"
+    )
+
+
+def _between_levels(step: NextStep, wording: Wording) -> str:
+    unit, per_unit = _SHOWN_IN[step.condition]
+    (middle, there), (low, at_lower) = step.expected
+    shown = [plain(per_unit * level) for level in (middle, low, step.values["highest"])]
+    at = f"{step.settings[0]} at an excitation level of" if step.settings else "at"
+    return (
+        f"measure {at} {shown[0]}{unit}, between {shown[1]} and {shown[2]}, where nothing was measured: by this law "
+        f"{wording.parameter(step.quantity)} would be {_percent(there)} of its level there, and {_percent(at_lower)} "
+        f"at {shown[1]}{unit}"
+    )
+
+
+def _finer_positions(step: NextStep, wording: Wording) -> str:
+    del wording
+    low, high = (plain(1e3 * step.values[name], 4) for name in ("lowest_m", "highest_m"))
+    where = f"about {low} mm" if low == high else f"between {low} and {high} mm"
+    return (
+        f"measure {where} in steps of {plain(1e3 * step.values['step_m'], 2)} mm, and at three positions within one "
+        "turn of the screw: what comes and goes with the turn is of the thread"
+    )
+
+
+_SPECIAL: Final[Mapping[StepKind, Callable[[NextStep, Wording], str]]] = {
+    StepKind.OTHER_CONDITIONS: _other_conditions,
+    StepKind.LOOK_AT_PARTS: _look_at_parts,
+    StepKind.RESPONSES_TO_DISTINGUISH: _responses_to_distinguish,
+    StepKind.MORE_POSITIONS: _more_positions,
+    StepKind.KNOWN_MASS: _known_mass,
+    StepKind.VARY: _vary,
+    StepKind.WITHIN_TURN: _within_turn,
+    StepKind.BETWEEN_LEVELS: _between_levels,
+    StepKind.FINER_POSITIONS: _finer_positions,
+}
