@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor_core.discrepancy.explanation import Outcome
+from service.documents.change import attribution_sentence
 from tests.hidden_effects.running.sessions import HAPPENINGS, OUTSIDE, POSITIONS, PRELOAD, Happened
 from tests.hidden_effects.running.trials import Trial, trials
 
@@ -97,7 +98,7 @@ def main(n_machines: int = 20, first: int = _FIRST_SCORED, *, few: bool = False)
             found.append(trial)
             if not trial.right:
                 answer = trial.explanation
-                print(f"machine {number}, {trial.truth}: {answer.outcome}: {answer.sentence}", flush=True)
+                print(f"machine {number}, {trial.truth}: {answer.outcome}: {attribution_sentence(answer)}", flush=True)
     report(found)
 
 

@@ -1,8 +1,8 @@
 """Attribute a change of an axis at work against its own reference: which part of the drive changed, and how sure."""
 
-from monitor_core.change.attribution import ChangeAttribution, attribute_change
+from monitor_core.change.attribution import ChangeAttribution, TriedChange, attribute_change
 from monitor_core.change.cells import positions_of
+from monitor_core.change.changes import Cause
 from monitor_core.change.reference_ratio import FEWEST_POSITIONS
-from monitor_core.change.trials import TriedChange
 
-__all__ = ["FEWEST_POSITIONS", "ChangeAttribution", "TriedChange", "attribute_change", "positions_of"]
+__all__ = ["FEWEST_POSITIONS", "Cause", "ChangeAttribution", "TriedChange", "attribute_change", "positions_of"]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.change.cells import ChangeTolerances, ThenAndNow
-from monitor_core.change.reference_ratio import compare_reference
+from monitor_core.change.cells import ChangeTolerances
+from monitor_core.change.reference_ratio import ThenAndNow, compare_reference
 from monitor_core.effects.drive_effects import WARMING
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.axis import DescribedDrive

@@ -28,7 +28,6 @@ from monitor_core.change.cells import (
     ChangeTolerances,
     Side,
     SideInCells,
-    ThenAndNow,
     cells_of,
     common_cells,
     in_cells,
@@ -58,6 +57,15 @@ _STEP = 0.1  # of a standard deviation, for the condition errors
 _ENOUGH_LINES = 0.5
 #: With fewer, a comparison tells nothing of what differs over positions.
 FEWEST_POSITIONS = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThenAndNow:
+    """An axis before and after a change; what is not known of the axis is the same in both."""
+
+    then: AxisPhysics
+    now: AxisPhysics
+    log_gain: float = 0.0  # ln of the gain of the measuring chain now over then [-]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """Write what an alarm says of its cause: the change that explains it, or why none was looked for."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -58,7 +59,7 @@ def examined_document(
         "outcome": str(found.outcome),
         "cause": str(found.cause),
         "confidence": found.confidence,
-        "sentence": found.sentence,
+        "sentence": attribution_sentence(found),
         "equivalent_to": [str(cause) for cause in found.equivalent_to],
         "gap_before": float(found.gap_before),
         "gap_after": float(found.gap_after),
@@ -101,7 +102,7 @@ def _change(change: "TriedChange") -> JsonObject:
         "unit": change.unit,
         "delta_bic": float(change.delta_bic),
         "gap": float(change.gap),
-        "sentence": change.words,
+        "sentence": change_sentence(change),
     }
 
 
@@ -111,3 +112,69 @@ def _measured(rows: Sequence[MeasurementRow]) -> JsonObject:
         "first_at": text_of(rows[0].started_at),
         "last_at": text_of(rows[-1].started_at),
     }
+
+
+# --- sentences
+
+#: Of each change by the key of its effect: a sentence, what less and more of it is called, and its units in one of SI.
+_CHANGES = {
+    "preload-change": ("the preload {change} by {size} N", "fell", "rose", 1.0),
+    "added-mass": ("the table carries {size} kg {change}", "less", "more", 1.0),
+    "position-offset": (
+        "the table stands {size} mm {change} the fixed bearing than is stated", "nearer to", "further from", 1e3,
+    ),
+    "torque-delay": ("the response is recorded {size} ms {change} late against the torque", "less", "more", 1e3),
+    "sensor-gain": ("the gain of the sensors {change} by {size} %", "fell", "rose", 100.0),
+    "bearing-change": ("the fixed bearing {change} {size} % of its stiffness", "lost", "gained", 100.0),
+    "far-bearing-change": ("the far bearing {change} {size} % of its stiffness", "lost", "gained", 100.0),
+    "warming": ("the axis is {size} K {change}", "colder", "warmer", 1.0),
+}  # fmt: skip
+#: Whose size is ln of a ratio.
+_RATIOS = frozenset({"bearing-change", "far-bearing-change"})
+
+
+def attribution_sentence(found: ChangeAttribution) -> str:
+    """Return which change explains that an axis moved, how surely, and what else would."""
+    likeliest = found.changes[0]
+    if found.is_unknown:
+        return (
+            f"no single change explains it, {_percent(found.confidence)} confidence; the best, "
+            f"{change_sentence(likeliest)}, leaves {likeliest.gap:.1f} times the noise"
+        )
+    if likeliest.size is None:
+        return f"nothing has changed beyond the noise, {_percent(found.confidence)} confidence"
+    parts = [f"{change_sentence(likeliest)} (95 %), {_percent(found.confidence)} confidence"]
+    if found.look_alikes:
+        parts.append("nearly alike: " + ", or ".join(map(change_sentence, found.look_alikes)))
+    mentioned = {found.cause, *(change.cause for change in found.look_alikes)}
+    rest = [each for each in found.changes if each.plausible and each.size is not None and each.cause not in mentioned]
+    if rest:
+        causes = ", ".join(dict.fromkeys(str(change.cause) for change in rest))
+        parts.append(f"{causes}: worse by ΔBIC ≥ {min(likeliest.delta_bic - change.delta_bic for change in rest):.0f}")
+    if found.may_be_unknown:
+        parts.append(f"none of these: {_percent(found.probability_of_unknown)}")
+    return "; ".join(parts)
+
+
+def change_sentence(change: TriedChange) -> str:
+    """Return what a change is, with the 95 % interval of its size."""
+    if change.size is None:
+        return "nothing has changed"
+    text, less, more, per_unit = _CHANGES[change.key]
+    size, half_width = change.size.value, 1.959964 * change.size.standard_uncertainty
+    shown = abs(size)
+    if change.key in _RATIOS:
+        shown, half_width = abs(math.exp(size) - 1.0), math.exp(size) * half_width
+    return text.format(
+        change=less if size < 0.0 else more, size=_with_interval(per_unit * shown, per_unit * half_width)
+    )
+
+
+def _with_interval(size: float, half_width: float) -> str:
+    """Return a size and its interval with two digits of the interval."""
+    digits = max(0, 1 - math.floor(math.log10(half_width))) if half_width > 0.0 else 0
+    return f"{size:.{digits}f} ± {half_width:.{digits}f}"
+
+
+def _percent(probability: float) -> str:
+    return "more than 99 %" if probability > 0.99 else f"{100.0 * probability:.0f} %"

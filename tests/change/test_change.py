@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from monitor_core.change.attribution import ChangeAttribution, attribute_change
-from monitor_core.change.cells import ChangeTolerances, ThenAndNow, positions_of
+from monitor_core.change.cells import ChangeTolerances, positions_of
 from monitor_core.change.changes import Cause
-from monitor_core.change.reference_ratio import compare_times
+from monitor_core.change.reference_ratio import ThenAndNow, compare_times
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects.drive_effects import (
     ADDED_MASS,
@@ -36,6 +36,7 @@ from monitor_core.models.extended import (
     responses,
 )
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
+from service.documents.change import attribution_sentence
 from tests.hidden_effects.running.trials import described_axis
 from tests.plant.chain import Axis, Condition
 from tests.plant.simulation import state_space
@@ -261,7 +262,7 @@ def test_change_is_named_with_its_size(
 def test_unchanged_axis_has_no_cause() -> None:
     answer = explained()
     assert (answer.outcome, answer.cause, answer.equivalent_to) == (Outcome.NONE, Cause.NONE, ())
-    assert answer.sentence.startswith("nothing has changed beyond the noise")
+    assert attribution_sentence(answer).startswith("nothing has changed beyond the noise")
 
 
 @pytest.mark.release
@@ -270,7 +271,7 @@ def test_cause_beyond_the_catalogue_is_unknown() -> None:
     other = replace(axis(), joints=replace(axis().joints, bracket_stiffness=0.7 * axis().joints.bracket_stiffness))
     answer = attribute_change(described_axis(), observed(axis(), rng), observed(other, rng), preload=PRELOAD)
     assert answer.outcome is Outcome.UNKNOWN
-    assert "no single change explains it" in answer.sentence
+    assert "no single change explains it" in attribution_sentence(answer)
 
 
 @pytest.mark.release
@@ -319,4 +320,4 @@ def test_answer_that_is_not_sure_names_what_else_it_may_be() -> None:
     answer = explained((ADDED_MASS, {"mass_kg": 0.06}))
     assert answer.outcome is Outcome.EQUIVALENT
     assert {answer.cause, *answer.equivalent_to} >= {Cause.PAYLOAD, Cause.TEMPERATURE}
-    assert "nearly alike: " in answer.sentence
+    assert "nearly alike: " in attribution_sentence(answer)

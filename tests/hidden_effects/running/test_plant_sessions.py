@@ -13,6 +13,7 @@ from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.measured_responses import measured_responses
 from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
 from monitor_core.recordings.session_hdf5 import read_session
+from service.documents.change import attribution_sentence
 from tests.hidden_effects.running.sessions import BAND, HAPPENINGS, OUTSIDE, PRELOAD
 from tests.hidden_effects.running.trials import described_axis, trials
 
@@ -25,7 +26,7 @@ USUAL_TEMPERATURE = 22.0  # of the bundled sessions [°C]
 def test_worn_nut_is_named_and_a_healthy_axis_is_left_alone(truth: str) -> None:
     few = trials(100, {truth: HAPPENINGS[truth]}, positions=(0.15, 0.30, 0.45, 0.60, 0.75), days=(2, 1))
     (trial,) = few
-    assert trial.right, trial.explanation.sentence
+    assert trial.right, attribution_sentence(trial.explanation)
     if truth == "preload":
         size = trial.explanation.changes[0].size
         assert size is not None
@@ -48,7 +49,7 @@ def test_bundled_session_with_positions_as_they_came(
     session: str, outcome: Outcome, cause: Cause, size: float | None
 ) -> None:
     answer = explained_session(session)
-    assert (answer.outcome, answer.cause) == (outcome, cause), answer.sentence
+    assert (answer.outcome, answer.cause) == (outcome, cause), attribution_sentence(answer)
     found = answer.changes[0].size
     if size is not None:
         assert found is not None
@@ -78,5 +79,5 @@ def _with_its_temperature(modal: ModalMeasurement) -> FrequencyResponseObservati
 def test_every_cause_is_named() -> None:
     """On one machine; benchmarks/running_axis.py has twenty, with more positions and days."""
     found = list(trials(101, HAPPENINGS | OUTSIDE, positions=(0.15, 0.30, 0.45, 0.60, 0.75), days=(3, 1)))
-    wrong = {trial.truth: trial.explanation.sentence for trial in found if not trial.right}
+    wrong = {trial.truth: attribution_sentence(trial.explanation) for trial in found if not trial.right}
     assert not wrong
