@@ -7,11 +7,8 @@ import pytest
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import RecordFault
-from monitor_core.discrepancy.records.behind import found_for
-from monitor_core.discrepancy.records.look import worst_record
-from monitor_core.discrepancy.records.masking import bent_to, taken_by_each
-from monitor_core.discrepancy.records.record_cost import least_along, record_costs, scatter_of
-from monitor_core.discrepancy.records.rounds import Records, cleared
+from monitor_core.discrepancy.records.rounds import Records, bent_to, cleared, found_for, taken_by_each
+from monitor_core.discrepancy.records.single import least_along, record_costs, scatter_of, worst_record
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.settings import SettingTolerances

@@ -1,21 +1,262 @@
-"""Take out wrong records one by one, worst first, before anything is explained and again with what was found."""
+r"""Take out wrong records one by one, worst first, before anything is explained and again with what was found.
 
-from collections.abc import Callable, Sequence
+A wrong record pulls the fit towards itself. What is left of its misfit is small then, and other records stand out in
+its place. With the residuals r of the fit, their derivatives J by its coordinates, the precision
+:math:`G = J^T J + \Pi` with the priors', and the change d of the residuals by a tag of one record, a linear refit with
+that tag free takes
+
+.. math::
+
+    \Delta\chi^2 = \frac{(d^T r)^2}{d^T d - d^T J G^{-1} J^T d}
+
+Added-variable test of a mean shift (Cook and Weisberg, Residuals and Influence in Regression, 1982, section 2.2).
+
+A record that was taken warm may stand out where the others of its level do not. Either it is wrong; or it is right,
+shows what warmth does to the axis, and the fit has bent to another; or another was not as warm as it says. The tag of
+that one changes nothing in a model without an effect of temperature, and such an effect explains little while the tag
+counts as right: so both are tried together, and the evidence decides between the accounts.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from typing import Generic
 
-from monitor_core.discrepancy.explanation import WrongRecord
-from monitor_core.discrepancy.records.accounts import accounted_for
-from monitor_core.discrepancy.records.behind import found_for
-from monitor_core.discrepancy.records.look import STANDS_OUT, record_under, worst_record
-from monitor_core.discrepancy.records.masking import bent_to
-from monitor_core.effects.effect import Effect, Physics
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.discrepancy.explanation import RecordFault, WrongRecord
+from monitor_core.discrepancy.records.single import STANDS_OUT, TAGS, record_under, slope_by_tag, worst_record
+from monitor_core.discrepancy.screening.screen import screen
+from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.comparison import Comparison, HasRecords
+from monitor_core.fitting.conditions.groups import levels_of
+from monitor_core.fitting.evidence import VERY_STRONG, EvidenceScale, delta_bic, evidence_scale
 from monitor_core.fitting.hold_out import fitted_values, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
+
+#: Of the squares of a direction, what a refit must leave of it for it to say anything.
+_LEAST_LEFT = 1e-3
+#: Of a range of tags, to see how the misfit moves with one.
+_STEP = 1e-3
+
+
+def bent_to(fitted: Fitted[Physics], records: HasRecords[Physics]) -> dict[int, float]:
+    """Return the records of a fit that would very strongly have a tag or gain of their own, with the evidence for it.
+
+    By their places, best first. ``records`` is the comparison that was fitted. A record that was held out has bent
+    nothing.
+    """
+    taken = np.max([taken_by_each(fitted, row) for row in _directions(fitted, records)], axis=0)
+    scale = evidence_scale(fitted)
+    price = 2.0 * math.log(taken.size * len(RecordFault))
+    evidence = scale.factor * taken - scale.penalty(1) - price
+    order = np.argsort(-evidence, kind="stable")
+    return {index: float(evidence[index]) for index in order.tolist() if evidence[index] > VERY_STRONG}
+
+
+def _directions(fitted: Fitted[Physics], records: HasRecords[Physics]) -> Iterator[FloatArray]:
+    """Yield the changes of the misfit by the condition errors, and by the tags that are none, shape (n_values,)."""
+    whitened_by = fitted.around.whitened_by
+    yield from whitened_by.directions * whitened_by.deviation
+    physics = fitted.physics()
+    ranges = records.tag_ranges(physics, 0)
+    for tag in TAGS:
+        if tag in ranges and tag not in {"position", "preload"}:
+            at, (low, high) = records.tags(tag), ranges[tag]
+            try:
+                yield slope_by_tag(records, physics, tag, at, np.full_like(at, _STEP * (high - low)))
+            except OutsideValidityError:
+                continue
+
+
+def taken_by_each(fitted: Fitted[Physics], change: FloatArray) -> FloatArray:
+    """Return what an unknown amount of a change of the misfit in one record alone takes of χ², (n_settings,).
+
+    Everything else is refitted, as far as the misfit is linear in it.
+    """
+    chosen, setting = fitted.fitted, fitted.comparison.layout.setting
+    n_settings = len(fitted.comparison.layout.settings)
+    along = np.where(chosen, fitted.around.whitened_by(change), 0.0)
+    inverse = np.linalg.pinv(fitted.precision(), hermitian=True)
+
+    def sums(values: FloatArray) -> FloatArray:
+        return np.bincount(setting, weights=along * values, minlength=n_settings).astype(np.float64)
+
+    square = sums(along)
+    with_coordinates = np.array([sums(column) for column in fitted.jacobian.T]).reshape(-1, n_settings)
+    left = square - np.einsum("ks,kl,ls->s", with_coordinates, inverse, with_coordinates)
+    known = left > _LEAST_LEFT * square
+    return np.where(known, sums(fitted.standardised) ** 2 / np.where(known, left, 1.0), 0.0)
+
+
+#: Of the evidence for the effect, what there must be for a tag or gain of the record, which is far from linear.
+_WORTH_A_LOOK = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Behind(Generic[Physics]):
+    """The record that an effect was found for."""
+
+    place: int  # among the records that were fitted
+    without: Fitted[Physics]  # the fit to the others that lacks the effect
+
+
+def found_for(
+    fitted: Fitted[Physics], without: Fitted[Physics], records: HasRecords[Physics], right: AbstractSet[int]
+) -> Behind[Physics] | None:
+    """Return the record that is all that speaks for an effect, and would go with the others better with a fault.
+
+    The evidence of the others for the effect falls below what any effect needs. Where the effect explains the record as
+    well as a fault does there is no telling them apart, and the record is right.
+
+    Parameters
+    ----------
+    fitted, without : Fitted
+        The fits with the effect and without it.
+    records : HasRecords
+        The comparison that was fitted.
+    right : set of int
+        Places of records that are right.
+    """
+    bent = {place: of for place, of in bent_to(without, records).items() if place not in right}
+    place, evidence = next(iter(bent.items()), (0, 0.0))
+    if evidence <= _WORTH_A_LOOK * max(delta_bic(without, fitted, evidence_scale(fitted)), 0.0):
+        return None
+    n_records = len(records.layout.settings)
+    rest = records.only(frozenset(range(n_records)) - {place})
+    seen = fitted_values(rest.layout)
+    try:
+        others, plain = (fit(rest, each.hypothesis, each.coordinates, seen) for each in (fitted, without))
+    except OutsideValidityError:
+        return None
+    scale = evidence_scale(others)
+    if delta_bic(plain, others, scale) >= rest.least_delta_bic:
+        return None
+    n_values = np.count_nonzero(fitted.fitted & (records.layout.setting == place))
+    expected = n_values * _chi_squared(others) / np.count_nonzero(others.fitted)  # of one like the others
+    strange = _chi_squared(fitted) - _chi_squared(others) - expected
+    of_effect = scale.penalty(fitted.n_seen - without.n_seen)
+    of_fault = scale.penalty(1) + 2.0 * math.log(n_records * len(RecordFault))
+    return Behind(place, plain) if scale.factor * strange + of_effect - of_fault > VERY_STRONG else None
+
+
+def _chi_squared(fitted: Fitted[Physics]) -> float:
+    return float(np.sum(fitted.standardised[fitted.fitted] ** 2))
+
+
+#: A described axis does not depend on it.
+_TAG = "temperature_deviation"
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """What accounts for a record that stands out and is right."""
+
+    wrong: WrongRecord | None  # that is wrong in its place; None where all are right
+    right: frozenset[int]  # what stands out until the effect is known, by their settings
+
+
+def accounted_for(
+    fitted: Fitted[Physics],
+    whole: HasRecords[Physics],
+    known: frozenset[int],
+    worst: WrongRecord,
+    candidates: Sequence[Effect[Physics]],
+) -> Account | None:
+    """Return what accounts better for the worst record than that it is wrong; None if nothing does.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        A fit in which the worst record stands out.
+    whole : HasRecords
+        All records, of which ``known`` are found to be wrong already.
+    candidates : sequence of Effect
+        What the axis may lack.
+    """
+    index, every = worst.number - 1, frozenset(range(len(whole.layout.settings)))
+    levels = levels_of(whole.layout, ConditionAxis.TEMPERATURE)
+    same = frozenset(np.flatnonzero(levels == levels[index]).tolist()) - known
+    effects = [each for each in candidates if ConditionAxis.TEMPERATURE in each.needs]
+    if len(same) < 2 or not effects or 2 * len(same) > len(every) or _depends(fitted, whole):
+        return None
+    alone = record_under(_refitted(fitted, whole.only(every - known - {index})), whole, index) or worst
+    best, least = None, VERY_STRONG
+    for other in (None, *sorted(same - {index})):
+        kept = every - known if other is None else every - known - {other}
+        for trial in _trials(_refitted(fitted, whole.only(kept)), effects):
+            wrong = None if other is None else record_under(trial.fitted, whole, other)
+            if other is not None and (wrong is None or wrong.fault is not RecordFault.TEMPERATURE):
+                continue
+            of_tag = trial.scale.penalty(1) + 2.0 * math.log(len(every) * len(RecordFault))
+            advantage = trial.evidence - _evidence(trial, alone, of_tag) - (0.0 if other is None else of_tag)
+            if advantage > least:
+                best, least = Account(wrong, same if other is None else frozenset((index,))), advantage
+    return best
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial(Generic[Physics]):
+    """A fit with an effect against the one without it, of the same records."""
+
+    without: Fitted[Physics]
+    fitted: Fitted[Physics]
+    scale: EvidenceScale
+
+    @property
+    def evidence(self) -> float:
+        """Evidence for the effect."""
+        return delta_bic(self.without, self.fitted, self.scale)
+
+
+def _trials(without: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> Iterator[_Trial[Physics]]:
+    """Yield the fits with each effect, as far as its values are plausible."""
+    for screened in screen(without, [effect for effect in effects if effect.applies(without.physics())]):
+        hypothesis = without.hypothesis.with_effect(screened.effect)
+        try:
+            fitted = fit(without.comparison, hypothesis, screened.starts[0])
+        except OutsideValidityError:
+            continue
+        values = hypothesis.values(fitted.coordinates)[screened.effect.key]
+        if all(each.lower <= values[each.name] <= each.upper for each in screened.effect.parameters):
+            yield _Trial(without, fitted, evidence_scale(fitted))
+
+
+def _evidence(trial: _Trial[Physics], alone: WrongRecord, of_tag: float) -> float:
+    """Return the evidence for one wrong record in the place of an effect, from the same records.
+
+    With another tag, which costs ``of_tag``, it is fitted with the others, as the effect is.
+    """
+    of_fault = {fault: (tag, per_unit) for tag, (fault, _, per_unit) in TAGS.items()}
+    without, records = trial.without, trial.without.comparison
+    if alone.fault not in of_fault or not isinstance(records, HasRecords):
+        return alone.delta_bic
+    tag, per_unit = of_fault[alone.fault]
+    values = np.where(
+        [each == alone.observations for each in records.records], alone.found / per_unit, records.tags(tag)
+    )
+    try:
+        retagged = fit(records.retagged(tag, values), without.hypothesis, without.coordinates)
+    except OutsideValidityError:
+        return alone.delta_bic
+    return delta_bic(without, retagged, trial.scale) - of_tag
+
+
+def _refitted(fitted: Fitted[Physics], rest: HasRecords[Physics]) -> Fitted[Physics]:
+    """Return the fit to all values of some records, held out or not."""
+    return fit(rest, fitted.hypothesis, fitted.coordinates)
+
+
+def _depends(fitted: Fitted[Physics], whole: HasRecords[Physics]) -> bool:
+    """Return whether a model depends on the temperature at all."""
+    at = whole.tags(_TAG)
+    return bool(np.any(slope_by_tag(whole, fitted.physics(), _TAG, at, np.ones_like(at))))
+
 
 #: Of the records, how many may be wrong; more is another model.
 _MOST_WRONG = 0.2

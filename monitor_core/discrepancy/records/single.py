@@ -1,0 +1,421 @@
+r"""Judge every record by itself: how far it is from a model, how far with another tag or gain, and which stands out.
+
+With the misfit m of a record, the deviations :math:`\sigma` of its values and the change S of the misfit by its
+condition errors, χ² of a record under given physics is
+
+.. math::
+
+    \chi^2 = r^T (I + T^T T)^{-1} r, \qquad r = m/\sigma, \qquad T = S/\sigma
+
+A direction g with an unknown amount, such as a gain, takes :math:`(g^T C^{-1} m)^2 / (g^T C^{-1} g)` of it. A tag is
+sought over the whole range that a machine has: a misprint knows no tolerance.
+
+The evidence of a fault is a difference of BIC. With χ² of a record before and after, its mean square s² over the
+records at large and the share a of its values that is independent,
+
+.. math::
+
+    \Delta = \frac{a}{s^2} (\chi^2_0 - \chi^2_1) - \ln (a N) - 2 \ln n_{looks}
+
+The last term is the price of having looked at every record for every fault. A record that is wrong in another way has a
+variance q s² of its own; with n values that is worth :math:`a n (q - 1 - \ln q)`.
+
+What stands out together with the others of one level, all that were taken warm, say, is an effect and no record.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.discrepancy.explanation import RecordFault, WrongRecord
+from monitor_core.effects.effect import Physics
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Comparison, HasRecords
+from monitor_core.fitting.conditions.groups import CONDITIONS, levels_of
+from monitor_core.fitting.evidence import VERY_STRONG, evidence_scale
+from monitor_core.fitting.hold_out import judged_gap
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+#: From the median of absolute deviations to the standard deviation of a normal distribution.
+_NORMAL = 1.4826
+#: When likely errors are the same, in standard deviations; and beyond which one is taken as linear.
+_SAME, _LIKELY = 0.05, 5.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordCosts:
+    """The misfits of all records under one model, each with the condition errors that are likely for it."""
+
+    setting: npt.NDArray[np.intp]  # of each value, shape (n_values,)
+    scaled: FloatArray  # misfit in standard deviations, shape (n_values,)
+    deviation: FloatArray  # shape (n_values,)
+    directions: FloatArray  # T, shape (n_errors, n_values)
+    inverse: FloatArray  # (I + T T^T)^-1 of each record, shape (n_settings, n_errors, n_errors)
+
+    @property
+    def chi_squared(self) -> FloatArray:
+        """χ² of each record, shape (n_settings,)."""
+        return self._product(self.scaled, self.scaled)
+
+    @property
+    def n_values(self) -> FloatArray:
+        """How many values a record has, shape (n_settings,)."""
+        return np.bincount(self.setting).astype(np.float64)
+
+    def taken_by(self, change: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what an unknown amount of a change of the misfit, (n_values,), takes of χ², the amount, its deviation.
+
+        The shapes are (n_settings,); the amount of a record that the change does not move is 0, its deviation infinite.
+        """
+        along = change / self.deviation
+        slope, information = self._product(along, self.scaled), self._product(along, along)
+        known = information > 0.0
+        safe = np.where(known, information, 1.0)
+        amount = np.where(known, -slope / safe, 0.0)
+        return np.where(known, slope**2 / safe, 0.0), amount, np.where(known, safe**-0.5, np.inf)
+
+    def likely_errors(self) -> FloatArray:
+        """Return the most likely condition errors, in the deviations that they scatter by, (n_settings, n_errors)."""
+        along = np.stack([np.bincount(self.setting, weights=row * self.scaled) for row in self.directions], axis=-1)
+        return np.asarray(-np.einsum("skl,sl->sk", self.inverse, along))
+
+    def _product(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        plain = np.bincount(self.setting, weights=first * second)
+        a, b = (
+            np.stack([np.bincount(self.setting, weights=row * values) for row in self.directions], axis=-1)
+            for values in (first, second)
+        )
+        return np.asarray(plain - np.einsum("sk,skl,sl->s", a, self.inverse, b))
+
+
+def record_costs(
+    comparison: Comparison[Physics], physics: Physics, scatter: FloatArray, n_rounds: int = 4
+) -> RecordCosts:
+    """Return the misfits of all records, linearised around the condition errors that are likely for each.
+
+    ``scatter`` is by how much condition errors scatter in the tolerances that are assumed, shape (n_errors,).
+    In each of ``n_rounds`` the likely errors and the misfit around them are found anew.
+    """
+    layout = comparison.layout
+    deviation, setting = layout.standard_deviation, layout.setting
+    errors = np.zeros((len(layout.settings), scatter.size))
+    for _ in range(n_rounds):
+        try:
+            around = comparison.shifted(errors)
+            misfit = around.misfit(physics)
+        except OutsideValidityError:
+            errors = np.zeros_like(errors)
+            around = comparison
+            misfit = around.misfit(physics)
+        change = around.condition_errors(physics, misfit)
+        scaled = (misfit - np.sum(change * errors[setting].T, axis=0)) / deviation
+        directions = change * scatter[:, None] / deviation
+        grams = np.array([[np.bincount(setting, weights=row * other) for other in directions] for row in directions])
+        inverse = np.linalg.inv(np.eye(scatter.size) + np.moveaxis(grams, -1, 0))
+        costs = RecordCosts(setting, scaled, deviation, directions, inverse)
+        likely = np.clip(costs.likely_errors(), -_LIKELY, _LIKELY) * scatter
+        if np.max(np.abs(likely - errors), initial=0.0) < _SAME:
+            break
+        errors = likely
+    return costs
+
+
+def scatter_of(pulls: FloatArray) -> FloatArray:
+    """Return by how much each kind of condition error scatters, 1 at the least, as the bulk of the records shows it.
+
+    ``pulls`` have shape (n_settings, n_errors); a single one that is far out does not count for it.
+    """
+    scatter = [
+        _NORMAL * float(np.median(np.abs(column[np.isfinite(column)]))) if np.any(np.isfinite(column)) else 1.0
+        for column in pulls.T
+    ]
+    return np.maximum(scatter, 1.0)
+
+
+def least_along(
+    cost: Callable[[FloatArray], FloatArray], grid: FloatArray, n_halvings: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return where along a grid the costs of all records are least, and the costs there, shape (n_settings,) both.
+
+    ``cost`` takes a value for each record and answers with its cost, shape (n_settings,); ``grid`` has shape
+    (n_values, n_settings), rising. The grid is halved so many times around the best value of each record.
+    """
+    costs = np.array([cost(row) for row in grid])
+    columns = np.arange(grid.shape[1])
+    best = np.argmin(costs, axis=0)
+    at, least = grid[best, columns], costs[best, columns]
+    below = at - grid[np.maximum(best - 1, 0), columns]
+    step = np.maximum(below, grid[np.minimum(best + 1, len(grid) - 1), columns] - at)
+    for _ in range(n_halvings):
+        step = 0.5 * step
+        low, high = (np.clip(at + side * step, grid[0], grid[-1]) for side in (-1.0, 1.0))
+        of_low, of_high = cost(low), cost(high)
+        lower = np.where(of_low < of_high, low, high)
+        at = np.where(np.minimum(of_low, of_high) < least, lower, at)
+        least = np.minimum(np.minimum(of_low, of_high), least)
+    return at, least
+
+
+_N_GRID, _N_HALVINGS = 31, 10
+#: Of a value, to see how the misfit moves with it.
+_STEP = 1e-3
+#: By name in :class:`ConditionArrays`: the fault, its unit and what that is of the unit inside.
+TAGS = {
+    "position": (RecordFault.POSITION, "mm", 1e3),
+    "preload": (RecordFault.PRELOAD, "N", 1.0),
+    "payload_mass": (RecordFault.PAYLOAD, "kg", 1.0),
+    "temperature_deviation": (RecordFault.TEMPERATURE, "K", 1.0),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Freed:
+    """What one fault would explain of each record; all of shape (n_settings,)."""
+
+    fault: RecordFault
+    unit: str
+    stated: FloatArray
+    found: FloatArray
+    deviation: FloatArray  # of what was found
+    taken: FloatArray  # of χ²
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordsUnderTest(Generic[Physics]):
+    """Some records, and a model that is not fitted to them."""
+
+    comparison: HasRecords[Physics]  # of these records
+    physics: Physics
+    scatter: FloatArray  # of condition errors, in their tolerances, shape (n_errors,)
+    ranges: Mapping[str, tuple[float, float]]  # of tags
+
+    def costs(self) -> RecordCosts:
+        """Return the misfits as stated."""
+        return record_costs(self.comparison, self.physics, self.scatter)
+
+    def freed(self) -> Iterator[Freed]:
+        """Yield what each fault would explain; a tag that the misfit does not depend on is left out."""
+        here = self.costs()
+        yield from self._gains(here)
+        for tag in TAGS:
+            freed = self._tag(tag, here)
+            if freed is not None:
+                yield freed
+
+    def _gains(self, here: RecordCosts) -> Iterator[Freed]:
+        """Yield the gain of all responses of a record, and the best of those of a single response."""
+        amplitude = np.where(np.isinf(self.comparison.layout.period), 1.0, 0.0)
+        yield _gain(here, amplitude)
+        response = self.comparison.response_of_value
+        first = np.r_[True, np.diff(self.comparison.layout.setting) > 0]
+        within = response - np.maximum.accumulate(np.where(first, response, 0))
+        for column in range(int(np.max(within)) + 1) if np.max(within) else ():
+            yield _gain(here, np.where(within == column, amplitude, 0.0))
+
+    def _tag(self, tag: str, here: RecordCosts) -> Freed | None:
+        records = self.comparison
+        fault, unit, per_unit = TAGS[tag]
+        stated = records.tags(tag)
+        if tag not in self.ranges:
+            return None
+
+        def chi_squared(values: FloatArray) -> FloatArray:
+            try:
+                return record_costs(records.retagged(tag, values), self.physics, self.scatter, 1).chi_squared
+            except OutsideValidityError:
+                return np.full(values.shape, np.inf)
+
+        low, high = (np.full_like(stated, end) for end in self.ranges[tag])
+        step = np.maximum(_STEP * (high - low), 1e-12)
+        if not np.any(slope_by_tag(records, self.physics, tag, stated, step)):
+            return None
+        spaced = np.geomspace if tag == "preload" else np.linspace
+        grid = spaced(low, high, _N_GRID)
+        found, _ = least_along(chi_squared, grid, _N_HALVINGS)
+        there = record_costs(records.retagged(tag, found), self.physics, self.scatter)
+        taken = here.chi_squared - there.chi_squared
+        _, _, deviation = there.taken_by(slope_by_tag(records, self.physics, tag, found, step))
+        return Freed(fault, unit, stated * per_unit, found * per_unit, deviation * per_unit, taken)
+
+
+def slope_by_tag(
+    records: HasRecords[Physics], physics: Physics, tag: str, at: FloatArray, step: FloatArray
+) -> FloatArray:
+    """Return the derivative of the misfit by the tags of all records, shape (n_values,).
+
+    ``at`` are the tags and ``step`` how far to move them, to the other side where the model has no answer; shape
+    (n_settings,) both.
+    """
+    here = records.retagged(tag, at).misfit(physics)
+    try:
+        moved, step = records.retagged(tag, at - step).misfit(physics), -step
+    except OutsideValidityError:
+        moved = records.retagged(tag, at + step).misfit(physics)
+    return np.asarray(records.layout.difference(moved, here) / step[records.layout.setting])
+
+
+def _gain(here: RecordCosts, along: FloatArray) -> Freed:
+    """Return what a gain explains, by which the measured values are too large: ln of it, added, brings them right."""
+    taken, amount, deviation = here.taken_by(along)
+    gain = np.exp(amount)
+    return Freed(RecordFault.GAIN, "1", np.ones_like(gain), gain, deviation * gain, taken)
+
+
+#: Records that are looked at closely at once, of those that stand out.
+_MOST_CLOSELY = 3
+#: Of the evidence of a record, what the others of its level have where their level is what is wrong: squares of misfits
+#: that are a fifth of its own.
+_ALIKE = 0.04
+#: Before anything is explained a wrong record must stand out by this factor from the next.
+STANDS_OUT = 3.0
+#: Mean square in that of the others, up to which a tag or a gain explains a record.
+_EXPLAINED = 3.0
+#: Of the misfit beyond that, what may be left of it.
+_LEFT = 0.1
+_FEWEST_RECORDS = 6
+#: Standard uncertainties that a tag or a gain is off by at least.
+_LEAST_SIZE = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What counts as evidence."""
+
+    factor: float  # a/s² [-]
+    mean_square: float  # s² [-]
+    share: float  # a [-]
+    penalty: float  # ln (a N)
+    price: float  # 2 ln n_looks
+
+    def of_taken(self, taken: FloatArray | float) -> FloatArray:
+        """Return the evidence of something with an unknown of its own."""
+        return np.asarray(self.factor * np.asarray(taken) - self.penalty - self.price)
+
+    def of_variance(self, chi_squared: FloatArray | float, n_values: FloatArray | float) -> FloatArray:
+        """Return the evidence of a variance of its own, where it is larger."""
+        q = np.maximum(np.asarray(chi_squared) / (self.mean_square * np.asarray(n_values)), 1.0)
+        return np.asarray(self.share * np.asarray(n_values) * (q - 1.0 - np.log(q)) - self.penalty - self.price)
+
+
+def worst_record(
+    fitted: Fitted[Physics],
+    whole: HasRecords[Physics],
+    known: frozenset[int],
+    right: frozenset[int] = frozenset(),
+) -> WrongRecord | None:
+    """Return the record that is most surely wrong under a fit, None without any.
+
+    ``whole`` is the comparison of all records, of which ``known`` are found to be wrong already and were not fitted;
+    those that are ``right`` may stand out.
+    """
+    overview = _overview(fitted, whole)
+    if overview is None:
+        return None
+    here, look, _ = overview
+    numbers = np.arange(here.chi_squared.size)
+    wrong_before = np.isin(numbers, list(known))
+    others = ~wrong_before & ~np.isin(numbers, list(right))
+    scores = np.where(others, _scores(fitted, whole, here, look), -np.inf)
+    order = np.argsort(-scores, kind="stable")
+    found = [
+        wrong
+        for index in order[:_MOST_CLOSELY].tolist()
+        if scores[index] > VERY_STRONG
+        and not _shared_by_level(whole, index, scores, others, wrong_before)
+        and (wrong := record_under(fitted, whole, index)) is not None
+    ]
+    worst = max(found, key=lambda wrong: wrong.delta_bic, default=None)
+    if worst is None or not judged_gap(fitted).exceeds_healthy:
+        return worst
+    next_best = float(np.max(np.delete(scores, worst.number - 1), initial=0.0))
+    return worst if worst.delta_bic > STANDS_OUT * next_best else None
+
+
+def record_under(fitted: Fitted[Physics], whole: HasRecords[Physics], index: int) -> WrongRecord | None:
+    """Return what is wrong with one record under a fit, None if nothing is that the evidence carries."""
+    overview = _overview(fitted, whole)
+    if overview is None:
+        return None
+    here, look, scatter = overview
+    physics = fitted.physics()
+    alone = whole.only(frozenset((index,)))
+    tested = RecordsUnderTest(alone, physics, scatter, whole.tag_ranges(physics, index))
+    chi_squared, n_values = float(here.chi_squared[index]), float(here.n_values[index])
+    allowed = max(_EXPLAINED, _LEFT * chi_squared / (look.mean_square * n_values)) * look.mean_square * n_values
+    wrong = WrongRecord(
+        index + 1,
+        whole.records[index],
+        whole.layout.settings[index].name,
+        RecordFault.OUTLIER,
+        delta_bic=float(look.of_variance(chi_squared, n_values)),
+        misfit=math.sqrt(chi_squared / n_values),
+    )
+    best = min(tested.freed(), key=lambda freed: chi_squared - float(freed.taken[0]))
+    evidence = float(look.of_taken(best.taken)[0])
+    deviation = float(best.deviation[0]) / math.sqrt(look.factor)
+    has_size = abs(float(best.found[0]) - float(best.stated[0])) >= _LEAST_SIZE * deviation
+    if chi_squared - float(best.taken[0]) <= allowed and evidence > VERY_STRONG and has_size:
+        wrong = replace(
+            wrong,
+            fault=best.fault,
+            stated=float(best.stated[0]),
+            found=float(best.found[0]),
+            standard_uncertainty=deviation,
+            unit=best.unit,
+            delta_bic=evidence,
+        )
+    return wrong if wrong.delta_bic > VERY_STRONG else None
+
+
+def _overview(fitted: Fitted[Physics], whole: HasRecords[Physics]) -> tuple[RecordCosts, Look, FloatArray] | None:
+    """Return the misfits of all records under a fit, and what counts as evidence; None where they say nothing."""
+    if len(whole.layout.settings) < _FEWEST_RECORDS:
+        return None
+    scatter = scatter_of(fitted.around.whitened_by.pulls(fitted.misfit))
+    try:
+        here = record_costs(whole, fitted.physics(), scatter)
+    except OutsideValidityError:
+        return None
+    scale = evidence_scale(fitted)
+    mean_square = max(float(np.median(here.chi_squared / here.n_values)), 1.0)
+    n_looks = len(whole.layout.settings) * len(RecordFault)
+    look = Look(scale.share / mean_square, mean_square, scale.share, scale.penalty(1), 2.0 * math.log(n_looks))
+    return here, look, scatter
+
+
+def _scores(fitted: Fitted[Physics], whole: HasRecords[Physics], here: RecordCosts, look: Look) -> FloatArray:
+    """Return how much speaks against each record at first sight, shape (n_settings,).
+
+    A variance of its own, a gain, or an error of a tag as far as it is linear.
+    """
+    found = [look.of_variance(here.chi_squared, here.n_values)]
+    amplitude = np.where(np.isinf(whole.layout.period), 1.0, 0.0)
+    found.append(look.of_taken(here.taken_by(amplitude)[0]))
+    for row in here.directions:
+        found.append(look.of_taken(here.taken_by(row * here.deviation)[0]))
+    return np.asarray(np.max(found, axis=0))
+
+
+def _shared_by_level(
+    whole: HasRecords[Physics], index: int, scores: FloatArray, others: BoolArray, wrong_before: BoolArray
+) -> bool:
+    """Return whether the other records of an unusual level of one condition stand out, too, or stood out before."""
+    for axis in CONDITIONS:
+        levels = levels_of(whole.layout, axis)
+        same = levels == levels[index]
+        same[index] = False
+        n_same, n_wrong = int(np.count_nonzero(same)), int(np.count_nonzero(same & wrong_before))
+        if not n_same or 2 * n_same > levels.size:
+            continue
+        # with this one more than half of the level would be wrong
+        if n_wrong and 2 * n_wrong >= n_same:
+            return True
+        rest = same & others
+        if np.any(rest) and float(np.median(scores[rest])) > _ALIKE * scores[index]:
+            return True
+    return False
