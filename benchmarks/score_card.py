@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.blind_cases import OUTSIDE, Job
 from monitor_core.discrepancy import AMPLITUDE_LAW, TIME_LAW
-from monitor_core.discrepancy.verdict.amplitude import goes_with_amplitude
+from monitor_core.discrepancy.verdict.classes import goes_with_amplitude
 from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.effects.effect import EffectParameter
 from monitor_core.fitting.hypothesis import is_size

@@ -4,7 +4,7 @@
 judges what was found, and answers with an :class:`Explanation`.
 """
 
-from monitor_core.discrepancy.description.quantities import Place
+from monitor_core.discrepancy.description.variation import Place
 from monitor_core.discrepancy.explain_axis import ExplainOptions, Measured, explain, require_explainable
 from monitor_core.discrepancy.explanation import (
     Candidate,
@@ -28,8 +28,7 @@ from monitor_core.discrepancy.explanation import (
     UntestedReason,
     WrongRecord,
 )
-from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW
-from monitor_core.discrepancy.verdict.classes import TIME_LAW
+from monitor_core.discrepancy.verdict.classes import AMPLITUDE_LAW, TIME_LAW
 from monitor_core.fitting.conditions.groups import Dimension, Extent
 from monitor_core.fitting.conditions.settings import SettingTolerances
 

@@ -8,8 +8,7 @@ from typing import Generic
 from monitor_core.discrepancy.assembly import Judged, explanation_of
 from monitor_core.discrepancy.conclusion import conclude, has_names
 from monitor_core.discrepancy.description.describe import Description
-from monitor_core.discrepancy.description.otherwise import Otherwise
-from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
+from monitor_core.discrepancy.description.otherwise import OF_NUT, Otherwise, goes_with_time
 from monitor_core.discrepancy.explanation import Explanation, Outcome, Unfinished
 from monitor_core.discrepancy.records.rounds import Records, Worst, cleared
 from monitor_core.discrepancy.search.found import Accepted, Found
@@ -17,8 +16,13 @@ from monitor_core.discrepancy.search.search import find_again, find_steps, judge
 from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
-from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, rests_on_levels_of
-from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, margin_between
+from monitor_core.discrepancy.verdict.classes import (
+    AMPLITUDE_LAW,
+    TIME_LAW,
+    EquivalenceClass,
+    margin_between,
+    rests_on_levels_of,
+)
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     classes_with_fit,

@@ -9,8 +9,13 @@ from service.report.description import described_sentence
 
 from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy import AMPLITUDE_LAW, Outcome
-from monitor_core.discrepancy.verdict.amplitude import indistinguishable_law, n_levels, rests_on_levels_of
-from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.verdict.classes import (
+    EquivalenceClass,
+    Member,
+    indistinguishable_law,
+    n_levels,
+    rests_on_levels_of,
+)
 from monitor_core.discrepancy.verdict.next_steps import next_steps
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, outcome_of, remainder_of
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX, Variable

@@ -8,7 +8,7 @@ import pytest
 from service.report.description import described_sentence
 
 from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, following_excitation
-from monitor_core.discrepancy.description.quantities import QUANTITIES, contacts_for, hung_elsewhere
+from monitor_core.discrepancy.description.variation import QUANTITIES, contacts_for, hung_elsewhere
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects import Variable
 from monitor_core.effects.variation import Form

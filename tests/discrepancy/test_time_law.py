@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy import AMPLITUDE_LAW, TIME_LAW, Outcome
-from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
+from monitor_core.discrepancy.description.otherwise import OF_NUT, goes_with_time
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.next_steps import next_steps
 from monitor_core.effects import PREFIX

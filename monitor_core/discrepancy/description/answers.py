@@ -1,22 +1,132 @@
-"""Define what a description may answer: the law of one quantity, or what swings at a port, in a fit of everything."""
+"""Define what a description may answer, in which fits it is sought, and when it is believed.
+
+An answer is the law of one quantity, or what swings at a port, in a fit of everything. Where no law holds, the free
+variation of a quantity is a candidate like any law, with as many coefficients as there are settings. It claims no more
+than that something is there: it must take away what is missing on lines that its values were not found from, and by so
+much that a value for each setting is not too many.
+"""
 
 import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from monitor_core.discrepancy.description.bases import Base
-from monitor_core.discrepancy.description.laws import TriedLaw
-from monitor_core.discrepancy.description.quantities import Place
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.discrepancy.description.variation import FreeVariation, Place, TriedLaw
 from monitor_core.discrepancy.explanation import Described, DescribedAlternative, FoundParameter
-from monitor_core.discrepancy.screening.sizes import measured_band
+from monitor_core.discrepancy.screening.screen import screen
+from monitor_core.discrepancy.screening.sizes import Screened, measured_band
 from monitor_core.discrepancy.verdict.classes import Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
-from monitor_core.effects import Effect, Port, port_of
+from monitor_core.effects import PORT_EFFECTS, Effect, MachineSizes, Port, port_of, sized_for
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
-from monitor_core.fitting.hold_out import gain
-from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
+from monitor_core.fitting.conditions.groups import has_lines
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference
+from monitor_core.fitting.hold_out import gain, judged_gap
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.costs_of_settings import fitted_numbers
+from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit, unfitted
 from monitor_core.models.extended import AxisPhysics
+
+#: Effects of the catalogue by which something hangs on a port of the drive.
+_OF_CATALOGUE = ("table-absorber", "nut-absorber")
+#: Of the ports that the catalogue has nothing for, how many are fitted: those that promise most.
+_FITTED = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """A fit from which a description may start."""
+
+    fitted: Fitted[AxisPhysics]
+    port: Effect[AxisPhysics] | None = None  # by which something hangs on a port that the catalogue has nothing for
+    before: Fitted[AxisPhysics] | None = None  # the fit without that; of what was not fitted, the one that was
+
+    @property
+    def is_unfitted(self) -> bool:
+        """Whether this is the axis as stated; what it leaves does not compare with what fits leave."""
+        return self.port is None and self.before is not None
+
+    @property
+    def hangs_last(self) -> bool:
+        """Whether the last of its effects is what hangs on table or nut."""
+        effects = self.fitted.hypothesis.effects
+        return bool(effects) and effects[-1].key in _OF_CATALOGUE
+
+
+def bases(
+    baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], candidates: Sequence[Effect[AxisPhysics]]
+) -> Iterator[Base]:
+    """Yield fits that may lack no more than one quantity's dependence on the setting."""
+    yield Base(baseline)
+    if baseline.tolerance:  # the fit went astray; as stated, the axis may lack no more than one dependence
+        with suppress(OutsideValidityError):
+            yield Base(unfitted(baseline), before=baseline)
+    if final.hypothesis.effects:
+        yield Base(final)
+    if not judged_gap(baseline).exceeds_healthy:
+        return  # settings differ from what is stated, but no response has a resonance too many
+    known = _applying(baseline, [effect for effect in candidates if effect.key in _OF_CATALOGUE])
+    for found in screen(baseline, known) if known else ():
+        yield from (Base(fitted) for fitted in _with_port(baseline, found))
+
+
+def bases_at_ports(from_here: Sequence[Fitted[AxisPhysics]], sizes: MachineSizes | None) -> Iterator[Base]:
+    """Yield fits, those given with something on a port that the catalogue has nothing for.
+
+    They are tried where the ``sizes`` of the machine are known, and whole responses were measured.
+    """
+    seen = has_lines(from_here[0].comparison.layout)
+    own = () if sizes is None or not seen else sized_for(PORT_EFFECTS, sizes)
+    for before in dict.fromkeys(from_here):
+        applying = _applying(before, own)
+        screened = [found for found in screen(before, applying) if _promises(found, before)] if applying else []
+        fits = [(found.effect, fitted) for found in screened[:_FITTED] for fitted in _with_port(before, found)]
+        yield from (Base(fitted, effect, before) for effect, fitted in fits)
+        if any(not judged_gap(fitted).exceeds_healthy for _, fitted in fits):
+            return
+
+
+def _applying(fitted: Fitted[AxisPhysics], effects: Sequence[Effect[AxisPhysics]]) -> tuple[Effect[AxisPhysics], ...]:
+    physics = fitted.physics()
+    return tuple(effect for effect in effects if effect.applies(physics))
+
+
+def _promises(screened: Screened[AxisPhysics], before: Fitted[AxisPhysics]) -> bool:
+    return screened.predicted_gain >= before.comparison.least_delta_bic
+
+
+def _with_port(before: Fitted[AxisPhysics], found: Screened[AxisPhysics]) -> Iterator[Fitted[AxisPhysics]]:
+    """Yield the fit with something on a port, if the model has an answer with it.
+
+    Where the gap is large, what a fit without the port made of everything else leads astray: a fit also starts from the
+    axis as stated, with the port as it was found.
+    """
+    hypothesis = before.hypothesis.with_effect(found.effect)
+    as_fitted = hypothesis.carried_over(before.hypothesis, before.coordinates)
+    fits = list[Fitted[AxisPhysics]]()
+    for start in found.starts[:1]:
+        for others in (start, as_fitted):
+            with suppress(OutsideValidityError):
+                fits = [_fit_from(before, hypothesis, others, start)]
+                break
+    if fits and judged_gap(fits[0]).exceeds_healthy:
+        with suppress(OutsideValidityError):
+            fits.append(_fit_from(before, hypothesis, hypothesis.null, fits[0].coordinates))
+    yield from sorted(fits, key=lambda fitted: fitted.cost)[:1]
+
+
+def _fit_from(
+    before: Fitted[AxisPhysics], hypothesis: Hypothesis[AxisPhysics], others: FloatArray, port: FloatArray
+) -> Fitted[AxisPhysics]:
+    """Return the fit from the last effect of one start and everything else of another."""
+    start, n_own = others.copy(), len(hypothesis.effects[-1].parameters)
+    start[start.size - n_own :] = port[port.size - n_own :]
+    return fit(before.comparison, hypothesis, start, before.fitted)
+
 
 #: A fit of a law that is begun anew, how often, and the fall of χ² below which it has settled.
 _MOST_RESTARTS, _SETTLED = 3, 1.0
@@ -143,3 +253,55 @@ def _swinging(answer: Answer) -> tuple[float | None, float | None, str]:
         omega = 2.0 * math.pi * added.base_frequency
         return added.base_frequency, 1.0 / (added.base_compliance * omega**2), "mass"
     return None, None, ""
+
+
+#: Of the misfit beyond noise, what the values must take away on lines that they were not found from.
+_LEAST_TAKEN = 0.8
+
+
+def without_form(
+    variations: Sequence[tuple[Fitted[AxisPhysics], FreeVariation]],
+) -> Described | None:
+    """Return the quantity whose free variation leaves least on lines that were held out; None where none takes enough.
+
+    Each variation stands with the fit that it is about.
+    """
+    if not variations:
+        return None
+    fitted, best = min(variations, key=lambda pair: pair[1].judged)
+    scale = _scale(fitted, best)
+    evidence = _evidence(best, scale)
+    beyond_noise = best.alike - np.count_nonzero(fitted.fitted) * scale.mean_square
+    if evidence < fitted.comparison.least_delta_bic or best.alike - best.judged < _LEAST_TAKEN * beyond_noise:
+        return None
+    margin = least_difference(fitted.comparison) / scale.factor
+    alike = [other.quantity for _, other in variations if other.judged < best.judged + margin]
+    settings = fitted.comparison.layout.settings
+    names = [settings[number].name for number in fitted_numbers(fitted).tolist()]
+    return Described(
+        place=str(best.quantity.place),
+        parameter=best.quantity.name,
+        law=None,
+        parameters={},
+        effects=(),
+        alternatives=tuple(
+            dict.fromkeys(
+                DescribedAlternative(str(other.place), other.name) for other in alike if other is not best.quantity
+            )
+        ),
+        share=1.0,
+        delta_bic=evidence,
+        held_out_log_likelihood_gain=0.5 * scale.factor * (best.alike - best.judged),
+        factors=dict(zip(names, best.factors.tolist(), strict=True)),
+    )
+
+
+def _scale(fitted: Fitted[AxisPhysics], variation: FreeVariation) -> EvidenceScale:
+    """Return the evidence scale at which what the free variation leaves counts as noise."""
+    scale = evidence_scale(fitted)
+    left = variation.free / max(scale.n_values - variation.cost.shape[0], 1)
+    return EvidenceScale(max(left, 1.0), scale.correlation, scale.n_values)
+
+
+def _evidence(variation: FreeVariation, scale: EvidenceScale) -> float:
+    return scale.factor * (variation.alike - variation.free) - scale.penalty(variation.cost.shape[0] - 1)

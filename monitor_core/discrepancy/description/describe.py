@@ -1,9 +1,9 @@
 """Describe a misfit that no effect of the catalogue explains: what swings where, which quantity varies by which law.
 
-One quantity at a time varies freely over the settings (:mod:`.free_variation`); the laws that come near to what the
+One quantity at a time varies freely over the settings (:mod:`.variation`); the laws that come near to what the
 best of them would explain are refitted, with everything else. They compete with what may swing at a port of the drive
-(:mod:`.bases`), which comes first where it leaves next to nothing. All are judged on data that no fit saw; where none
-holds, that something varies may still be sure (:mod:`.no_form`).
+(:mod:`.answers`), which comes first where it leaves next to nothing. All are judged on data that no fit saw; where none
+holds, that something varies may still be sure.
 """
 
 import math
@@ -12,12 +12,28 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-from monitor_core.discrepancy.description.answers import Answer, described_by, is_evident, settled, share_of_free
-from monitor_core.discrepancy.description.bases import Base, bases, bases_at_ports
-from monitor_core.discrepancy.description.free_variation import FreeVariation, fitted_settings, vary_freely
-from monitor_core.discrepancy.description.laws import TriedLaw, tried_law, tried_laws
-from monitor_core.discrepancy.description.no_form import without_form
-from monitor_core.discrepancy.description.quantities import contacts_for, hung_elsewhere, quantities_of
+from monitor_core.discrepancy.description.answers import (
+    Answer,
+    Base,
+    bases,
+    bases_at_ports,
+    described_by,
+    is_evident,
+    settled,
+    share_of_free,
+    without_form,
+)
+from monitor_core.discrepancy.description.variation import (
+    FreeVariation,
+    TriedLaw,
+    contacts_for,
+    fitted_settings,
+    hung_elsewhere,
+    quantities_of,
+    tried_law,
+    tried_laws,
+    vary_freely,
+)
 from monitor_core.discrepancy.explanation import Described, DescribedAlternative
 from monitor_core.discrepancy.search.clean import LEAST_SIZE
 from monitor_core.discrepancy.search.found import Found

@@ -1,24 +1,36 @@
-"""Ask, of the fit with one effect, whether what is no effect of the catalogue explains all that is missing.
+"""Ask whether what is no effect of the catalogue does as well as what was found, so that the search may end there.
 
-Then no further effect need be sought. That may be a resonance that wanders, something that swings at a port that the
-catalogue has nothing for, or a law of its own by which something follows the excitation. Of the last two, what explains
-more is the answer.
+That may be a resonance that wanders, something that swings at a port that the catalogue has nothing for, or a law of
+its own by which something follows the excitation. Of the last two, what explains more is the answer.
+
+Settings are measured one after the other. What the preload loses or gains meanwhile goes along with positions, preloads
+and temperatures as far as these come in an order, and an effect that follows them explains it, too.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Generic
+from typing import Any, Final, Generic
 
-from monitor_core.discrepancy.description.describe import Description, following_excitation, swinging_at_port
+from monitor_core.discrepancy.description.answers import Base, is_evident
+from monitor_core.discrepancy.description.describe import (
+    Description,
+    following_excitation,
+    refit_with_law,
+    swinging_at_port,
+)
+from monitor_core.discrepancy.description.variation import QUANTITIES, fitted_settings, tried_laws, vary_freely
 from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.search.workspace import may_lack_more
-from monitor_core.discrepancy.verdict.amplitude import goes_with_amplitude
+from monitor_core.discrepancy.verdict.classes import PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS, goes_with_amplitude
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings
 from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering
+from monitor_core.effects import Variable
 from monitor_core.effects.effect import Physics
 from monitor_core.effects.sizes import MachineSizes
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
+from monitor_core.fitting.hold_out import gain
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
+from monitor_core.models.extended import AxisPhysics
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,3 +85,34 @@ def _explains_more(first: Description, other: Description) -> bool:
         return False
     more = delta_bic(other.fitted, first.fitted, evidence_scale(first.fitted))
     return more > least_difference(first.fitted.comparison)
+
+
+#: What changes the stiffness of the nut from setting to setting.
+OF_NUT: Final = frozenset({"periodic-preload", "thermal-preload", PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS})
+_NUT_STIFFNESS = next(each for each in QUANTITIES if each.field == "nut_stiffness")
+_REFITS = 2
+
+
+def goes_with_time(without: Fitted[Any], final: Fitted[Any], margin: float, progress: Callable[[str], None]) -> bool:
+    """Return whether a law of time of the nut's stiffness does as well as an effect, within a ``margin`` of BIC.
+
+    ``without`` is the fit without the effect and ``final`` that with it. The law has to gain on held-out data, too. It
+    need not explain most of what is missing: the effect need not either, beside settings that scatter.
+    """
+    axis = without.physics()
+    if not isinstance(axis, AxisPhysics):
+        return False
+    progress("asking whether it changes with time")
+    variation = vary_freely(without, _NUT_STIFFNESS)
+    if variation is None:
+        return False
+    tried = tried_laws(variation, fitted_settings(without), axis.screw.lead)
+    of_time = [each for each in tried if each.law.variable is Variable.ORDER]
+    answers = (refit_with_law(Base(without), each, progress) for each in of_time[:_REFITS])
+    return any(
+        answer is not None
+        and is_evident(answer)
+        and not gain(without.held_out, answer.fitted.held_out, answer.scale) <= 0.0  # NaN: nothing is held out
+        and delta_bic(final, answer.fitted, answer.scale) >= -margin
+        for answer in answers
+    )

@@ -13,8 +13,7 @@ import numpy as np
 from monitor_core.discrepancy.explanation import Described, NextStep, Outcome, StepEffect, StepKind
 from monitor_core.discrepancy.localisation.localise import narrow
 from monitor_core.discrepancy.search.found import Found
-from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW
-from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, Member
+from monitor_core.discrepancy.verdict.classes import AMPLITUDE_LAW, TIME_LAW, EquivalenceClass, Member
 from monitor_core.effects import Form, Law, Variable
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.effects.sizes import MachineSizes, Reference
