@@ -253,7 +253,8 @@ class StepKind(StrEnum):
     TAP_SCREW = "tap-the-screw"
     HOLD_PART = "hold-a-part"
     REPEAT_NOW = "repeat-now"
-    WITHIN_TURN = "measure-within-a-turn"
+    WITHIN_TURN = "measure-within-a-turn"  # of what varies about its mean
+    WITHIN_TURN_OF_STATED = "measure-within-a-turn-of-stated"  # of what is as stated at one angle
     BETWEEN_LEVELS = "measure-between-levels"
     LOWER_LEVEL = "measure-at-a-lower-level"
     REPEAT_FIRST = "repeat-the-first"
@@ -263,6 +264,7 @@ class StepKind(StrEnum):
     SECOND_ACCELEROMETER = "put-a-second-accelerometer"
     RESPONSES_ABOUT = "measure-responses-about"
     FINER_POSITIONS = "measure-finer-positions"
+    FINER_ABOUT = "measure-finer-about"  # a single position
     MORE_PRELOADS = "measure-more-preloads"
     WEIGH_PAYLOAD = "weigh-the-payload"
     COLD_AGAIN = "measure-warm-and-cold-again"
@@ -292,7 +294,7 @@ class NextStep:
     settings: tuple[str, ...] = ()  # to be measured or checked, as the data name them
     effects: tuple[StepEffect, ...] = ()  # that it distinguishes, the one found first, or that it shows
     values: Mapping[str, float] = field(default_factory=dict)  # by names that end with their unit
-    #: Levels of the condition to measure at, and what the description multiplies the quantity by there; SI
+    #: Levels of the condition, and what the description multiplies the quantity by there; those to measure come first
     expected: tuple[tuple[float, float], ...] = ()
 
 

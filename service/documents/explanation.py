@@ -1,15 +1,15 @@
 """Write an explanation as JSON: the answer of ``preload explain``."""
 
+from dataclasses import asdict
+
 from monitor_core.discrepancy import (
     Candidate,
     Described,
     Explanation,
     FoundEffect,
     FoundParameter,
-    GapPair,
     Misfit,
     MisfitMap,
-    NextStep,
     Place,
     WrongRecord,
 )
@@ -44,8 +44,8 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         "gap": {
             "unit": gap.unit,
             "noise_floor": float(gap.noise_floor),
-            "before": _pair(gap.before),
-            "after": _pair(gap.after),
+            "before": asdict(gap.before),
+            "after": asdict(gap.after),
         },
         "gap_by_channel": {
             name: {"before": float(before), "after": float(after)}
@@ -70,7 +70,9 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         "taken_as": list(assumption_sentences(explanation)),
         "unfinished": None if unfinished is None else unfinished_sentence(unfinished, KEYS),
         "next_measurement": next_measurement(explanation.next_steps),
-        "next_steps": [_step(step) for step in explanation.next_steps],
+        "next_steps": [
+            asdict(step) | {"sentence": step_sentence(step, KEYS)} for step in explanation.next_steps
+        ],
         "model": model_text,
     })  # fmt: skip
 
@@ -158,10 +160,6 @@ def _record(record: WrongRecord) -> JsonObject:
     }
 
 
-def _pair(pair: GapPair) -> dict[str, float]:
-    return {"fit": float(pair.fit), "held_out": float(pair.held_out)}
-
-
 def _candidate(candidate: Candidate) -> JsonObject:
     return {
         "key": candidate.key,
@@ -180,19 +178,4 @@ def _map(shown: MisfitMap) -> JsonObject:
         "columns": [extent_by_key(column) for column in shown.columns],
         "before": shown.before.tolist(),
         "after": shown.after.tolist(),
-    }
-
-
-def _step(step: NextStep) -> JsonObject:
-    """Return a step of ``next_measurement`` with what stands in it."""
-    return {
-        "kind": str(step.kind),
-        "condition": None if step.condition is None else str(step.condition),
-        "quantity": step.quantity or None,
-        "place": step.place or None,
-        "settings": list(step.settings),
-        "effects": [{"key": effect.key, "amount": effect.amount, "unit": effect.unit} for effect in step.effects],
-        "values": {name: float(value) for name, value in step.values.items()},
-        "expected": [{"level": float(level), "factor": float(factor)} for level, factor in step.expected],
-        "sentence": step_sentence(step, KEYS),
     }

@@ -83,46 +83,36 @@ def parameter_words(name: str) -> str:
 # --- places
 
 
-@dataclass(frozen=True, slots=True)
-class _DimensionWords:
-    """What stands about the levels of a dimension: its key before and a unit behind, or words on both sides."""
-
-    key: str
-    behind_key: str
-    before: str
-    behind: str
-    per_unit: float = 1.0  # of what is shown in one SI unit
-    digits: int = 4
-
-
+#: Of each dimension its key and what follows the levels, what people read before and after them, and how many of what
+#: is shown one is in SI.
 _DIMENSIONS: Final = {
-    Dimension.POSITION: _DimensionWords("position_mm ", "", "", " mm", 1e3),
-    Dimension.PRELOAD: _DimensionWords("preload_n ", "", "", " N"),
-    Dimension.PAYLOAD: _DimensionWords("payload_kg ", "", "", " kg payload"),
-    Dimension.TEMPERATURE: _DimensionWords("temperature_delta_c ", "", "", " K warmer"),
-    Dimension.LEVEL: _DimensionWords("excitation level ", "", "excitation level ", ""),
-    Dimension.DIRECTION: _DimensionWords("direction ", "", "direction ", ""),
-    Dimension.RECORD: _DimensionWords("record ", "", "record ", ""),
-    Dimension.BAND: _DimensionWords("band ", " Hz", "", " Hz", digits=3),
-    Dimension.MODE: _DimensionWords("mode ", " Hz", "mode ", " Hz", digits=3),
-    Dimension.CHANNEL: _DimensionWords("channel ", "", "channel ", ""),
-    Dimension.SETTINGS: _DimensionWords("", "", "", ""),
+    Dimension.POSITION: ("position_mm ", "", "", " mm", 1e3),
+    Dimension.PRELOAD: ("preload_n ", "", "", " N", 1.0),
+    Dimension.PAYLOAD: ("payload_kg ", "", "", " kg payload", 1.0),
+    Dimension.TEMPERATURE: ("temperature_delta_c ", "", "", " K warmer", 1.0),
+    Dimension.LEVEL: ("excitation level ", "", "excitation level ", "", 1.0),
+    Dimension.DIRECTION: ("direction ", "", "direction ", "", 1.0),
+    Dimension.RECORD: ("record ", "", "record ", "", 1.0),
+    Dimension.BAND: ("band ", " Hz", "", " Hz", 1.0),
+    Dimension.MODE: ("mode ", " Hz", "mode ", " Hz", 1.0),
+    Dimension.CHANNEL: ("channel ", "", "channel ", "", 1.0),
+    Dimension.SETTINGS: ("", "", "", "", 1.0),
 }
 _WITHOUT_ORDER: Final = frozenset({Dimension.DIRECTION, Dimension.RECORD, Dimension.CHANNEL})
 
 
 def extent_by_key(extent: Extent) -> str:
     """Return a part of the data as programs know it: "position_mm 500..850"."""
-    words = _DIMENSIONS[extent.dimension]
+    key, unit, *_ = _DIMENSIONS[extent.dimension]
     names = [f'"{name}"' for name in extent.names] if extent.dimension is Dimension.CHANNEL else extent.names
     to = " to " if extent.dimension is Dimension.SETTINGS else ".."
-    return f"{words.key}{_levels(extent, names, to)}{words.behind_key}"
+    return f"{key}{_levels(extent, names, to)}{unit}"
 
 
 def extent_in_words(extent: Extent) -> str:
     """Return a part of the data as people know it: "500 to 850 mm"."""
-    words = _DIMENSIONS[extent.dimension]
-    return f"{words.before}{_levels(extent, extent.names, ' to ')}{words.behind}"
+    _, _, before, behind, _ = _DIMENSIONS[extent.dimension]
+    return f"{before}{_levels(extent, extent.names, ' to ')}{behind}"
 
 
 def row_label(extent: Extent) -> str:
@@ -143,8 +133,7 @@ def _levels(extent: Extent, names: Sequence[str], to: str) -> str:
 def _level(dimension: Dimension, number: float) -> str:
     if dimension is Dimension.DIRECTION and number:
         return "+" if number > 0.0 else "−"
-    words = _DIMENSIONS[dimension]
-    return plain(words.per_unit * number, words.digits)
+    return plain(_DIMENSIONS[dimension][-1] * number, 4)
 
 
 def place_sentence(place: MisfitPlace, wording: Wording) -> str:
@@ -251,9 +240,6 @@ def next_measurement(steps: Sequence[NextStep], wording: Wording = KEYS) -> str:
 
 def step_sentence(step: NextStep, wording: Wording) -> str:
     """Return what to measure or to check next, without a capital and a full stop."""
-    special = _SPECIAL.get(step.kind)
-    if special is not None:
-        return special(step, wording)
     return _TEXTS[step.kind].format(**_fields(step, wording))
 
 
@@ -269,24 +255,45 @@ class _Number(float):
         return plain(float(self), int(digits or 3))
 
 
-def _fields(step: NextStep, wording: Wording) -> dict[str, str | _Number]:
-    """Return what a text may name."""
-    names = {
+def _fields(step: NextStep, wording: Wording) -> dict[str, object]:
+    """Return what a text may name: what the step is about, its values, its effects and what is expected."""
+    named, *others = [wording.effect(effect.key) for effect in step.effects] or [""]
+    unit, per_unit = _SHOWN_IN.get(step.condition, ("", 1.0))
+    values = {name: _Number(value) for name, value in step.values.items()}
+    values |= {f"{name}m": _Number(1e3 * value) for name, value in step.values.items() if name.endswith("_m")}
+    phrases = {name: text.format(**values) if needed in values else "" for name, (needed, text) in _PHRASES.items()}
+    return {
         "channel": step.quantity,
-        "parameter": wording.parameter(step.quantity),
         "tag": _tag(step.quantity),
+        "parameter": wording.parameter(step.quantity),
         "place": step.place,
-        "setting": step.settings[0] if step.settings else "",
-        "second_setting": step.settings[-1] if step.settings else "",
-        "effect": wording.effect(step.effects[0].key) if step.effects else "",
-        "factor_in_percent": _percent(step.values.get("factor", math.nan)),
-        "size": " and ".join(
-            f"{plain(step.values[name])} {unit}"
-            for name, unit in (("mass_kg", "kg"), ("inertia_kg_m2", "kg·m²"))
-            if name in step.values
+        "settings": step.settings,
+        "effect": named,
+        "others": " or ".join(others),
+        "all_others": " and ".join(others),
+        "unseen": _listed([named, *others], wording.longest_list),
+        "sizes": " or ".join(
+            f"{wording.effect(effect.key)} of {_with_unit(effect.amount, effect.unit)}" for effect in step.effects
         ),
+        "distances": " and from ".join(
+            f"{other} by {effect.amount:.0f}" for other, effect in zip(others, step.effects[1:], strict=True)
+        ),
+        "levels": [_Number(per_unit * level) for level, _ in step.expected],
+        "factors": [_percent(factor) for _, factor in step.expected],
+        "unit": unit,
+        "at": f"{step.settings[0]} at an excitation level of" if step.settings else "at",
+        "what": "measure whole frequency responses" if step.condition is _RESPONSES else f"vary the {step.condition}",
+        **phrases,
+        "change": _CHANGES.get(step.condition, "").format(**phrases),
+        "three_levels": " to a third and to three times of what it is" if step.condition is ConditionAxis.LEVEL else "",
+        **values,
     }
-    return names | {name: _Number(value) for name, value in step.values.items()}
+
+
+def _listed(names: Sequence[str], most: int | None) -> str:
+    if most is None or len(names) <= most + 1:
+        return ", ".join(names)
+    return f"{', '.join(names[:most])} and {len(names) - most} more"
 
 
 def _tag(error: str) -> str:
@@ -298,7 +305,67 @@ def _percent(factor: float) -> str:
     return f"{plain(100.0 * factor)} %" if math.isfinite(factor) else "hardly any"
 
 
+_RESPONSES: Final = ConditionAxis.FREQUENCY
+#: Units of what a law may follow, and how many of those one SI unit is; of a level N or N·m, by what excites.
+_SHOWN_IN: Final[Mapping[ConditionAxis | None, tuple[str, float]]] = {
+    ConditionAxis.POSITION: (" mm", 1e3),
+    ConditionAxis.PRELOAD: (" N", 1.0),
+    ConditionAxis.PAYLOAD: (" kg", 1.0),
+    ConditionAxis.TEMPERATURE: (" K", 1.0),
+}
+#: What a text has where a value is known, and nothing in its place where it is not.
+_PHRASES: Final = {
+    "band": ("lowest_hz", " from {lowest_hz:2} to {highest_hz:2} Hz"),
+    "along": ("screw_length_m", " along the {screw_length_mm} mm of the screw"),
+    "of_mass": ("mass_kg", " of {mass_kg} kg"),
+    "mass": ("mass_kg", "{mass_kg} kg"),
+    "inertia": ("inertia_kg_m2", "{inertia_kg_m2} kg·m²"),
+    "preloads": ("lowest_n", " from {lowest_n:2} to {highest_n:2} N"),
+    "warmer": ("warming_k", " by {warming_k} K"),
+    "warming": ("warming_k", "{warming_k} K warmer"),
+    "motion": ("speed_m_per_s", " with a second motion at {speed_m_per_s:2} m/s"),
+}
+#: Under which other conditions to measure.
+_CHANGES: Final[Mapping[ConditionAxis | None, str]] = {
+    ConditionAxis.PAYLOAD: "with {mass} more on the table",
+    ConditionAxis.TEMPERATURE: "{warming}",
+    ConditionAxis.LEVEL: "at a third of the excitation",
+    ConditionAxis.POSITION: "at positions in between",
+}
 _TEXTS: Final = {
+    StepKind.OTHER_CONDITIONS: (
+        "measure all settings {change}: {effect} would then differ from {distances} standard deviations"
+    ),
+    StepKind.LOOK_AT_PARTS: (
+        "no change of conditions distinguishes {effect} from {others}: look at the parts themselves, {sizes}, or "
+        "change one of them on purpose and measure {settings[0]} again"
+    ),
+    StepKind.RESPONSES_TO_DISTINGUISH: (
+        "measure whole frequency responses{band}, which distinguish {effect} from {all_others}"
+    ),
+    StepKind.MORE_POSITIONS: "measure at {n_positions} positions or more{along}",
+    StepKind.KNOWN_MASS: "measure with and without a known added mass{of_mass}",
+    StepKind.VARY: "{what}{band}{warmer}{three_levels}{preloads}{motion}, without which {unseen} cannot be seen",
+    StepKind.WITHIN_TURN: (
+        "measure within one turn of the screw, at {levels[0]:4}, {levels[1]:4}, {levels[2]:4}{unit}: {parameter} would "
+        "be {factors[0]}, {factors[1]}, {factors[2]} of its mean"
+    ),
+    StepKind.WITHIN_TURN_OF_STATED: (
+        "measure within one turn of the screw, at {levels[0]:4}, {levels[1]:4}, {levels[2]:4}{unit}: {parameter} would "
+        "be {factors[0]}, {factors[1]}, {factors[2]} of what is stated"
+    ),
+    StepKind.BETWEEN_LEVELS: (
+        "measure {at} {levels[0]}{unit}, between {levels[1]} and {levels[2]}, where nothing was measured: by this law "
+        "{parameter} would be {factors[0]} of its level there, and {factors[1]} at {levels[1]}{unit}"
+    ),
+    StepKind.FINER_POSITIONS: (
+        "measure between {lowest_mm:4} and {highest_mm:4} mm in steps of {step_mm:2} mm, and at three positions within "
+        "one turn of the screw: what comes and goes with the turn is of the thread"
+    ),
+    StepKind.FINER_ABOUT: (
+        "measure about {lowest_mm:4} mm in steps of {step_mm:2} mm, and at three positions within one turn of the "
+        "screw: what comes and goes with the turn is of the thread"
+    ),
     StepKind.REPEAT_IN_RANDOM_ORDER: (
         "measure the first settings once more at the end, and all of them in random order, which distinguishes "
         "{effect} from what changes with time"
@@ -308,7 +375,7 @@ _TEXTS: Final = {
         "distinguishes {effect} from what goes with the excitation by another law"
     ),
     StepKind.TWO_SETTINGS: (
-        "measure {setting} and {second_setting} again, three times in turns: {parameter} at the {place} would be "
+        "measure {settings[0]} and {settings[1]} again, three times in turns: {parameter} at the {place} would be "
         "{factor_at_first} times what it is at the first and {factor_at_second} times at the second; what stays "
         "follows from how the axis is set, what does not from time"
     ),
@@ -317,28 +384,28 @@ _TEXTS: Final = {
         "{frequency_hz} Hz; then look whether nut, guides and bearings are in line"
     ),
     StepKind.HOLD_PART: (
-        "look at the {place} for what swings at {frequency_hz} Hz with {size}, hold it fast or take it off, and "
-        "measure {setting} again from {lowest_hz} to {highest_hz} Hz: the resonance must go"
+        "look at the {place} for what swings at {frequency_hz} Hz with {mass}{inertia}, hold it fast or take it off, "
+        "and measure {settings[0]} again from {lowest_hz} to {highest_hz} Hz: the resonance must go"
     ),
     StepKind.REPEAT_NOW: (
-        "measure {setting}, the first that was measured, again now: {parameter} would be {factor_in_percent} of what "
-        "it was then, if it goes with time"
+        "measure {settings[0]}, the first that was measured, again now: {parameter} would be {factors[0]} of what it "
+        "was then, if it goes with time"
     ),
     StepKind.LOWER_LEVEL: (
-        "measure {setting} at a third of the excitation, too: what then changes depends on the amplitude, as friction "
-        "and play do"
+        "measure {settings[0]} at a third of the excitation, too: what then changes depends on the amplitude, as "
+        "friction and play do"
     ),
     StepKind.REPEAT_FIRST: (
-        "repeat {setting}, the first that was measured, in the middle and at the end: what differs is a drift, and no "
-        "model has it"
+        "repeat {settings[0]}, the first that was measured, in the middle and at the end: what differs is a drift, and "
+        "no model has it"
     ),
     StepKind.CHECK_TAG: (
-        "check the tag of {setting}: its {tag} would have to be {pull:2} of its standard deviations from what is "
+        "check the tag of {settings[0]}: its {tag} would have to be {pull:2} of its standard deviations from what is "
         "stated, where others have {pull_of_others:1}"
     ),
     StepKind.READ_TAGS: (
-        "read the {tag} of every record again, first that of {setting}: they scatter {scatter_over_stated:2} times as "
-        "much as is stated"
+        "read the {tag} of every record again, first that of {settings[0]}: they scatter {scatter_over_stated:2} times "
+        "as much as is stated"
     ),
     StepKind.CHECK_GAIN: (
         "check unit and gain of {channel}: it is {factor} times the model's from {lowest_hz} to {highest_hz} Hz alike"
@@ -355,146 +422,15 @@ _TEXTS: Final = {
         "measure more preloads about {lowest_n:4} to {highest_n:4} N, one of them twice, newly set each time"
     ),
     StepKind.WEIGH_PAYLOAD: "weigh what is on the table at {mass_kg:4} kg, and measure without and with half of it",
-    StepKind.COLD_AGAIN: (
-        "measure {warming_k:4} K warmer and cold again: what does not come back is no temperature"
-    ),
-    StepKind.MORE_LEVELS: "measure {setting} at levels of {lowest:4} to {highest:4} and two between them",
+    StepKind.COLD_AGAIN: "measure {warming_k:4} K warmer and cold again: what does not come back is no temperature",
+    StepKind.MORE_LEVELS: "measure {settings[0]} at levels of {lowest:4} to {highest:4} and two between them",
     StepKind.ANOTHER_SENSOR: (
-        "measure {setting} again with another sensor and cable for {channel}, which alone holds most of what is left"
+        "measure {settings[0]} again with another sensor and cable for {channel}, which alone holds most of what is "
+        "left"
     ),
     StepKind.OTHER_SPEEDS: (
         "repeat the motion forward and backward at half and at twice the speed, {slower_m_per_s:2} and "
         "{faster_m_per_s:2} m/s: friction goes with speed and direction, a mass with the acceleration alone"
     ),
     StepKind.MOVE_KNOWN_MASS: "measure it with a known mass of {mass_kg} kg on the table, too",
-}  # fmt: skip
-
-
-def _other_conditions(step: NextStep, wording: Wording) -> str:
-    changes = {
-        ConditionAxis.PAYLOAD: "with {mass_kg} kg more on the table",
-        ConditionAxis.TEMPERATURE: "{warming_k} K warmer",
-        ConditionAxis.LEVEL: "at a third of the excitation",
-        ConditionAxis.POSITION: "at positions in between",
-    }
-    change = "" if step.condition is None else changes[step.condition].format(**_fields(step, wording))
-    first, *others = step.effects
-    listed = " and from ".join(f"{wording.effect(other.key)} by {other.amount:.0f}" for other in others)
-    return (
-        f"measure all settings {change}: {wording.effect(first.key)} would then differ from {listed} standard "
-        "deviations"
-    )
-
-
-def _look_at_parts(step: NextStep, wording: Wording) -> str:
-    first, *others = (wording.effect(effect.key) for effect in step.effects)
-    sizes = " or ".join(
-        f"{wording.effect(effect.key)} of {_with_unit(effect.amount, effect.unit)}" for effect in step.effects
-    )
-    return (
-        f"no change of conditions distinguishes {first} from {' or '.join(others)}: look at the parts themselves, "
-        f"{sizes}, or change one of them on purpose and measure {step.settings[0]} again"
-    )
-
-
-def _band(step: NextStep) -> str:
-    if "lowest_hz" not in step.values:
-        return ""
-    return f" from {plain(step.values['lowest_hz'], 2)} to {plain(step.values['highest_hz'], 2)} Hz"
-
-
-def _responses_to_distinguish(step: NextStep, wording: Wording) -> str:
-    first, *others = (wording.effect(effect.key) for effect in step.effects)
-    return f"measure whole frequency responses{_band(step)}, which distinguish {first} from {' and '.join(others)}"
-
-
-def _more_positions(step: NextStep, wording: Wording) -> str:
-    del wording
-    length = step.values.get("screw_length_m")
-    along = "" if length is None else f" along the {plain(1e3 * length)} mm of the screw"
-    return f"measure at {step.values['n_positions']:g} positions or more{along}"
-
-
-def _known_mass(step: NextStep, wording: Wording) -> str:
-    del wording
-    mass = step.values.get("mass_kg")
-    return "measure with and without a known added mass" + ("" if mass is None else f" of {mass:g} kg")
-
-
-#: By how much to vary a condition, where it is known.
-_BY: Final = {
-    ConditionAxis.TEMPERATURE: " by {warming_k} K",
-    ConditionAxis.LEVEL: " to a third and to three times of what it is",
-    ConditionAxis.PRELOAD: " from {lowest_n:2} to {highest_n:2} N",
-    ConditionAxis.RECORD: " with a second motion at {speed_m_per_s:2} m/s",
-}
-
-
-def _vary(step: NextStep, wording: Wording) -> str:
-    names, most = [wording.effect(effect.key) for effect in step.effects], wording.longest_list
-    unseen = ", ".join(names)
-    if most is not None and len(names) > most + 1:
-        unseen = f"{', '.join(names[:most])} and {len(names) - most} more"
-    if step.condition is ConditionAxis.FREQUENCY or step.condition is None:
-        what = f"measure whole frequency responses{_band(step)}"
-    else:
-        is_known = step.values or step.condition is ConditionAxis.LEVEL
-        by = _BY.get(step.condition, "") if is_known else ""
-        what = f"vary the {step.condition}{by.format(**_fields(step, wording))}"
-    return f"{what}, without which {unseen} cannot be seen"
-
-
-#: Units of what a law may follow, and how many of those one SI unit is.
-_SHOWN_IN: Final[Mapping[ConditionAxis | None, tuple[str, float]]] = {
-    ConditionAxis.POSITION: (" mm", 1e3),
-    ConditionAxis.PRELOAD: (" N", 1.0),
-    ConditionAxis.PAYLOAD: (" kg", 1.0),
-    ConditionAxis.TEMPERATURE: (" K", 1.0),
-    ConditionAxis.LEVEL: ("", 1.0),  # N or N·m, by what excites
-}
-
-
-def _within_turn(step: NextStep, wording: Wording) -> str:
-    unit, per_unit = _SHOWN_IN[step.condition]
-    listed = ", ".join(plain(per_unit * level, 4) for level, _ in step.expected)
-    factors = ", ".join(_percent(factor) for _, factor in step.expected)
-    whole = "its mean" if step.values["of_mean"] else "what is stated"
-    return (
-        f"measure within one turn of the screw, at {listed}{unit}: {wording.parameter(step.quantity)} would be "
-        f"{factors} of {whole}"
-    )
-
-
-def _between_levels(step: NextStep, wording: Wording) -> str:
-    unit, per_unit = _SHOWN_IN[step.condition]
-    (middle, there), (low, at_lower) = step.expected
-    shown = [plain(per_unit * level) for level in (middle, low, step.values["highest"])]
-    at = f"{step.settings[0]} at an excitation level of" if step.settings else "at"
-    return (
-        f"measure {at} {shown[0]}{unit}, between {shown[1]} and {shown[2]}, where nothing was measured: by this law "
-        f"{wording.parameter(step.quantity)} would be {_percent(there)} of its level there, and {_percent(at_lower)} "
-        f"at {shown[1]}{unit}"
-    )
-
-
-def _finer_positions(step: NextStep, wording: Wording) -> str:
-    del wording
-    low, high = (plain(1e3 * step.values[name], 4) for name in ("lowest_m", "highest_m"))
-    where = f"about {low} mm" if low == high else f"between {low} and {high} mm"
-    return (
-        f"measure {where} in steps of {plain(1e3 * step.values['step_m'], 2)} mm, and at three positions within one "
-        "turn of the screw: what comes and goes with the turn is of the thread"
-    )
-
-
-_SPECIAL: Final[Mapping[StepKind, Callable[[NextStep, Wording], str]]] = {
-    StepKind.OTHER_CONDITIONS: _other_conditions,
-    StepKind.LOOK_AT_PARTS: _look_at_parts,
-    StepKind.RESPONSES_TO_DISTINGUISH: _responses_to_distinguish,
-    StepKind.MORE_POSITIONS: _more_positions,
-    StepKind.KNOWN_MASS: _known_mass,
-    StepKind.VARY: _vary,
-    StepKind.WITHIN_TURN: _within_turn,
-    StepKind.BETWEEN_LEVELS: _between_levels,
-    StepKind.FINER_POSITIONS: _finer_positions,
 }

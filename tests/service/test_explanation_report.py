@@ -611,13 +611,13 @@ def test_every_step_has_a_sentence() -> None:
     values = dict.fromkeys(
         ("lowest_hz", "highest_hz", "lowest_n", "highest_n", "lowest_m", "highest_m", "step_m", "spacing_hz", "lowest",
          "highest", "frequency_hz", "mass_kg", "warming_k", "factor", "factor_at_first", "factor_at_second", "pull",
-         "pull_of_others", "scatter_over_stated", "slower_m_per_s", "faster_m_per_s", "n_positions", "of_mean"), 5.0,
+         "pull_of_others", "scatter_over_stated", "slower_m_per_s", "faster_m_per_s", "n_positions"), 5.0,
     )  # fmt: skip
     effects = (StepEffect("added-mass", 2.0, "kg"), StepEffect("loss-factor", 4.0, "sigma"))
     for kind in StepKind:
         step = NextStep(
             kind, TEMPERATURE, "nut_stiffness_n_per_m", "nut", ("300 mm", "500 mm"), effects, values,
-            ((5.0, 1.1), (4.0, 0.9)),
+            ((5.0, 1.1), (4.0, 0.9), (6.0, 1.2)),
         )  # fmt: skip
         by_key, by_name = step_sentence(step, KEYS), step_sentence(step, NAMES)
         assert by_key == by_key.strip()

@@ -240,9 +240,12 @@ def _part_that_swings(described: Described, frequency: float, layout: Layout) ->
 def _at_other_levels(described: Described, law: Law, layout: Layout) -> Iterator[NextStep]:
     """Yield settings between those measured, where the law says what no measurement has."""
     parameter, first_setting = described.parameter, (layout.settings[0].name,)
+
+    def at(*levels: float) -> tuple[tuple[float, float], ...]:
+        return tuple((level, _factor(described, law, level)) for level in levels)
+
     if law.variable is Variable.ORDER:
-        factor = {"factor": _factor(described, law, 1.0)}
-        yield NextStep(StepKind.REPEAT_NOW, quantity=parameter, settings=first_setting, values=factor)
+        yield NextStep(StepKind.REPEAT_NOW, quantity=parameter, settings=first_setting, expected=at(1.0))
         return
     axis = _SET[law.variable]
     measured = levels_of(layout, axis)
@@ -251,19 +254,14 @@ def _at_other_levels(described: Described, law: Law, layout: Layout) -> Iterator
         return
     if law.form in (Form.PERIODIC, Form.YIELDING):
         start = float(levels[levels.size // 2])
-        within = [start + share * law.scale for share in (0.25, 0.5, 0.75)]
-        of_mean = {"of_mean": float(law.form is Form.PERIODIC)}
-        expected = tuple((level, _factor(described, law, level)) for level in within)
-        yield NextStep(StepKind.WITHIN_TURN, axis, parameter, values=of_mean, expected=expected)
+        kind = StepKind.WITHIN_TURN if law.form is Form.PERIODIC else StepKind.WITHIN_TURN_OF_STATED
+        within = at(*(start + share * law.scale for share in (0.25, 0.5, 0.75)))
+        yield NextStep(kind, axis, parameter, expected=within)
         return
     low, high = max(pairwise(levels.tolist()), key=lambda pair: pair[1] - pair[0])
     middle = math.sqrt(low * high) if law.variable is Variable.EXCITATION and low > 0.0 else 0.5 * (low + high)
-    yield NextStep(
-        StepKind.BETWEEN_LEVELS, axis, parameter,
-        settings=first_setting if axis is ConditionAxis.LEVEL else (),
-        values={"highest": high},
-        expected=tuple((level, _factor(described, law, level)) for level in (middle, low)),
-    )  # fmt: skip
+    settings = first_setting if axis is ConditionAxis.LEVEL else ()
+    yield NextStep(StepKind.BETWEEN_LEVELS, axis, parameter, settings=settings, expected=at(middle, low, high))
 
 
 def _factor(described: Described, law: Law, level: float) -> float:
@@ -356,8 +354,9 @@ def _closer_look(
         case ConditionAxis.FREQUENCY:
             yield NextStep(StepKind.RESPONSES_ABOUT, axis, values={"frequency_hz": lowest})
         case ConditionAxis.POSITION:
-            step = {"lowest_m": lowest, "highest_m": highest, "step_m": _finer_step(layout, sizes)}
-            yield NextStep(StepKind.FINER_POSITIONS, axis, values=step)
+            kind = StepKind.FINER_POSITIONS if lowest < highest else StepKind.FINER_ABOUT
+            values = {"lowest_m": lowest, "highest_m": highest, "step_m": _finer_step(layout, sizes)}
+            yield NextStep(kind, axis, values=values)
         case ConditionAxis.PRELOAD:
             yield NextStep(StepKind.MORE_PRELOADS, axis, values={"lowest_n": lowest, "highest_n": highest})
         case ConditionAxis.PAYLOAD:
