@@ -7,8 +7,7 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup
 
-from service.report.rounding import tick
-from service.report.svg import Axis, axis_over, element, image, joined, label, path_through, value_grid
+from service.report.svg import Axis, axis_over, element, image, joined, label, path_through, place_grid, value_grid
 
 _TOP: Final = 14.0
 _HALF_MARK: Final = 9.0
@@ -122,11 +121,9 @@ def _spot(spot: Spot, x: float, y: float, half: float = _HALF_MARK) -> Markup:
 
 
 def _frame(x: Axis, y: Axis, size: ChartSize, write: Callable[[str], str], unit: str) -> Markup:
-    drawn = [value_grid(y, size.left, size.right, 5, write)]
-    for value in x.ticks(size.ticks):
-        at = float(x(value))
-        drawn.append(element("line", x1=at, y1=size.bottom, x2=at, y2=size.bottom + 5.0, class_="grid"))
-        drawn.append(label(write(tick(value)), at, size.bottom + 21.0, text_anchor="middle", class_="quiet"))
-    drawn.append(label("mm", size.right, size.height - 6.0, text_anchor="end", class_="quiet"))
-    drawn.append(label(unit, size.left - 6.0, size.bottom + 21.0, text_anchor="end", class_="quiet"))
-    return joined(drawn)
+    return joined([
+        value_grid(y, size.left, size.right, 5, write),
+        place_grid(x, x.ticks(size.ticks), (size.bottom, size.bottom + 5.0), 16.0, write),
+        label("mm", size.right, size.height - 6.0, text_anchor="end", class_="quiet"),
+        label(unit, size.left - 6.0, size.bottom + 21.0, text_anchor="end", class_="quiet"),
+    ])  # fmt: skip

@@ -11,8 +11,7 @@ from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.inspection import ChannelSummary
 from service.documents.printable import printable
-from service.report.rounding import tick
-from service.report.svg import Axis, axis_over, element, joined, label, path_through, picture
+from service.report.svg import Axis, axis_over, element, joined, label, path_through, picture, place_grid, value_grid
 
 _STYLE: Final = Path(__file__).parents[1] / "web" / "static" / "monitor.css"
 #: More would be no picture: the table above them lists all.
@@ -165,14 +164,9 @@ def _picture(name: str, title: str, channel: Channel, summary: ChannelSummary) -
 
 def _frame(across: Axis, up: Axis, unit: str) -> Markup:
     bottom = _HEIGHT - _BOTTOM
-    drawn = [
+    return joined([
         element("rect", x=_LEFT, y=_TOP, width=_WIDTH - 10.0 - _LEFT, height=bottom - _TOP, class_="frame"),
         label(unit, _LEFT - 6.0, bottom + 15.0, text_anchor="end"),
-    ]
-    for value in up.ticks(4):
-        y = float(up(value))
-        drawn.append(element("line", x1=_LEFT, x2=_WIDTH - 10.0, y1=y, y2=y, class_="grid"))
-        drawn.append(label(tick(value), _LEFT - 6.0, y + 4.0, text_anchor="end"))
-    for value in across.ticks(8):
-        drawn.append(label(tick(value), float(across(value)), bottom + 15.0, text_anchor="middle"))
-    return joined(drawn)
+        value_grid(up, _LEFT, _WIDTH - 10.0, 4),
+        place_grid(across, across.ticks(8), (bottom, bottom), 15.0),
+    ])  # fmt: skip

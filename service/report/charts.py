@@ -6,6 +6,7 @@ was set and declared; the map shows the misfit by setting and frequency band.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
@@ -15,7 +16,7 @@ from markupsafe import Markup
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy import GapPair
 from monitor_core.fitting.comparison import Panel
-from service.report.rounding import quantity, rounded, tick
+from service.report.rounding import quantity, rounded
 from service.report.svg import (
     CHARACTER,
     Axis,
@@ -26,7 +27,9 @@ from service.report.svg import (
     label,
     path_through,
     picture,
+    place_grid,
     shortened,
+    value_grid,
 )
 
 #: Where the shade changes, in standard deviations; the style sheet holds one shade more.
@@ -208,7 +211,7 @@ _MIDDLE = (_LEFT + _RIGHT) / 2.0
 def panel_chart(name: str, panel: Panel) -> Markup:
     """Draw a panel; ``name`` is unique on the page."""
     x_axis = axis_over(panel.x, 0.0, _RIGHT - _LEFT)
-    y_axis = _y_axis(panel)
+    y_axis = axis_of_values(panel, panel.models, _BOTTOM - _TOP, 0.0, _BEYOND)
     curves = [measured_curve(panel, x_axis, y_axis)]
     curves += [curve(panel.x, y, x_axis, y_axis, style_of(model)) for model, y in panel.models.items()]
     inside = element("svg", *curves, x=_LEFT, y=_TOP, width=_RIGHT - _LEFT, height=_BOTTOM - _TOP, overflow="hidden")
@@ -230,13 +233,14 @@ def style_of(model: str) -> str:
     return _STYLES.get(model, "model other")
 
 
-def _y_axis(panel: Panel) -> Axis:
-    values = np.concatenate([panel.measured, *panel.models.values()])
+def axis_of_values(panel: Panel, models: Mapping[str, FloatArray], start: float, end: float, beyond: float) -> Axis:
+    """Return an axis of what was measured and of models; a logarithmic one reaches so much beyond the measurement."""
+    values = np.concatenate([panel.measured, *models.values()])
     if panel.logarithmic:
         seen = panel.measured[np.isfinite(panel.measured) & (panel.measured > 0.0)]
         if seen.size:
-            values = np.clip(values, seen.min() / _BEYOND, seen.max() * _BEYOND)
-    return axis_over(values, _BOTTOM - _TOP, 0.0, logarithmic=panel.logarithmic)
+            values = np.clip(values, seen.min() / beyond, seen.max() * beyond)
+    return axis_over(values, start, end, logarithmic=panel.logarithmic)
 
 
 def measured_curve(panel: Panel, x_axis: Axis, y_axis: Axis) -> Markup:
@@ -256,16 +260,10 @@ def curve(x: FloatArray, y: FloatArray, x_axis: Axis, y_axis: Axis, style: str) 
 
 
 def _ticks(x_axis: Axis, y_axis: Axis) -> Markup:
-    drawn = []
-    for value in x_axis.ticks(5):
-        x = _LEFT + float(x_axis(value))
-        drawn.append(element("line", x1=x, y1=_TOP, x2=x, y2=_BOTTOM, class_="grid"))
-        drawn.append(label(tick(value), x, _BOTTOM + 15.0, text_anchor="middle", class_="quiet"))
-    for value in y_axis.ticks(4):
-        y = _TOP + float(y_axis(value))
-        drawn.append(element("line", x1=_LEFT, y1=y, x2=_RIGHT, y2=y, class_="grid"))
-        drawn.append(label(tick(value), _LEFT - 5.0, y + 4.0, text_anchor="end", class_="quiet"))
-    return joined(drawn)
+    """Draw the grid; the axes are those of the picture inside the frame."""
+    across = replace(x_axis, start=x_axis.start + _LEFT, end=x_axis.end + _LEFT)
+    upwards = replace(y_axis, start=y_axis.start + _TOP, end=y_axis.end + _TOP)
+    return place_grid(across, across.ticks(5), (_TOP, _BOTTOM), 15.0) + value_grid(upwards, _LEFT, _RIGHT, 4)
 
 
 def _y_name(words: str) -> Markup:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
 from monitor_core.fitting.comparison import Panel
-from service.report.charts import FEW, curve, measured_curve, style_of
+from service.report.charts import FEW, axis_of_values, curve, measured_curve, style_of
 from service.report.rounding import tick
 from service.report.svg import Axis, axis_over, element, joined, label, picture, shortened
 
@@ -94,7 +94,7 @@ def hero_chart(name: str, panel: Panel, frame: Frame, said: Mapping[str, str]) -
     end = frame.height - frame.bottom
     split = frame.top + _SHARE_OF_PICTURE * (end - frame.top)
     upper, lower = (frame.top, split - 8.0), (split + 8.0, end)
-    y_axis = _axis_of_values(panel, models, upper)
+    y_axis = axis_of_values(panel, models, upper[1], upper[0], _BEYOND)
     left_over = {model: _left(panel, y) for model, y in models.items()}
     r_axis = _axis_of_rest(panel, left_over, lower)
     description = (
@@ -125,15 +125,6 @@ def _x_axis(panel: Panel, frame: Frame) -> Axis:
     known = panel.x[np.isfinite(panel.x)]
     spread = known.size and np.min(known) > 0.0 and np.max(known) > _LOGARITHMIC_FROM * np.min(known)
     return axis_over(panel.x, frame.left, frame.end, logarithmic=bool(spread and panel.logarithmic))
-
-
-def _axis_of_values(panel: Panel, models: Mapping[str, FloatArray], between: tuple[float, float]) -> Axis:
-    values = np.concatenate([panel.measured, *models.values()])
-    if panel.logarithmic:
-        seen = panel.measured[np.isfinite(panel.measured) & (panel.measured > 0.0)]
-        if seen.size:
-            values = np.clip(values, seen.min() / _BEYOND, seen.max() * _BEYOND)
-    return axis_over(values, between[1], between[0], logarithmic=panel.logarithmic)
 
 
 def _axis_of_rest(panel: Panel, rest: Mapping[str, FloatArray], between: tuple[float, float]) -> Axis:

@@ -110,7 +110,19 @@ def axis_over(values: FloatArray, start: float, end: float, *, logarithmic: bool
     return Axis(lower - margin, upper + margin, start, end)
 
 
-def value_grid(scale: Axis, left: float, right: float, count: int, write: Callable[[str], str]) -> Markup:
+def place_grid(
+    scale: Axis, values: Sequence[float], between: tuple[float, float], below: float, write: Callable[[str], str] = str
+) -> Markup:
+    """Draw a line at each value from the first to the second height, and its number so far ``below``."""
+    drawn = []
+    for value in values:
+        x = float(scale(value))
+        drawn.append(element("line", x1=x, y1=between[0], x2=x, y2=between[1], class_="grid"))
+        drawn.append(label(write(tick(value)), x, between[1] + below, text_anchor="middle", class_="quiet"))
+    return joined(drawn)
+
+
+def value_grid(scale: Axis, left: float, right: float, count: int, write: Callable[[str], str] = str) -> Markup:
     """Draw a line across at about so many round values, each with its number; ``write`` puts that into a language."""
     drawn = []
     for value in scale.ticks(count):

@@ -1,19 +1,49 @@
 """Draw what was measured over time: points with intervals, the baseline's band, refused ones hollow, a lane of events.
 
-One drawing for pages, reports and print: colours are those of the style sheet, shapes say the same without colour.
+One drawing for pages, reports and print: colours are those of the style sheet, shapes say the same without colour. What
+axes of one type have left of their baselines is drawn on the same axis of time.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from typing import Final
 
 import numpy as np
 from markupsafe import Markup
 
-from service.report.svg import Axis, axis_over, element, joined, label, path_through, value_grid
-from service.report.time_axis import time_ticks
+from service.report.svg import Axis, axis_over, element, image, joined, label, path_through, value_grid
+
+_HOUR, _DAY = timedelta(hours=1), timedelta(days=1)
+_STEPS: Final = (
+    *(timedelta(minutes=minutes) for minutes in (1, 5, 15, 30)),
+    *(_HOUR * hours for hours in (1, 3, 6, 12)),
+    *(_DAY * days for days in (1, 2, 4, 7, 14)),
+)
+#: Steps in months, where days are too many.
+_MONTHS: Final = (1, 2, 3, 6, 12, 24, 60, 120)
+_MONTH = 30.4 * _DAY
+_EPOCH: Final = datetime(2000, 1, 3, tzinfo=UTC)  # a Monday, so that steps of weeks begin with one
+
+
+def time_ticks(start: datetime, end: datetime, most: int) -> list[tuple[datetime, str]]:
+    """Return at most so many round moments between two others, each with its label."""
+    span = end - start
+    for step in _STEPS:
+        if span / step <= most - 1:
+            first = _EPOCH + -(-(start - _EPOCH) // step) * step
+            moments = [first + i * step for i in range(most) if first + i * step <= end]
+            return [(moment, f"{moment:%H:%M}" if step < _DAY else f"{moment:%m-%d}") for moment in moments]
+    months = next((months for months in _MONTHS if span / (months * _MONTH) <= most - 1), _MONTHS[-1])
+    count = start.year * 12 + start.month - 1
+    number = -(-(count + 1) // months) * months
+    ticks: list[tuple[datetime, str]] = []
+    while (moment := datetime(number // 12, number % 12 + 1, 1, tzinfo=UTC)) <= end and len(ticks) < most:
+        ticks.append((moment, f"{moment:%Y-%m}" if months < 12 else f"{moment:%Y}"))
+        number += months
+    return ticks
+
 
 #: Width of a character of 16 units of height, on the wide side.
 _CHARACTER: Final = 9.2
@@ -303,3 +333,45 @@ def _shape(kind: str, x: float, y: float) -> str:
             return f"M{x - r:.1f} {y - r:.1f}h8v8h-8z"
         case _:
             return f"M{x - r:.1f} {y:.1f}a4 4 0 1 0 8 0a4 4 0 1 0-8 0"
+
+
+#: Lines look different without any colour.
+DASHES = ("", "8 4", "2 4", "10 4 2 4", "4 3", "12 3")
+
+
+@dataclass(frozen=True, slots=True)
+class ShareLine:
+    """An axis: when, and what share of its baseline; the own one is strong."""
+
+    name: str
+    at: Sequence[datetime]
+    share: Sequence[float]
+    is_own: bool = False
+
+
+def sisters_chart(title: str, lines: Sequence[ShareLine], frame: Frame, write: Callable[[str], str]) -> Markup:
+    """Draw all lines in one picture; each has a number at its end, as in the table by it."""
+    moments = [moment for line in lines for moment in line.at]
+    start, end = min(moments), max(moments)
+    whole = (end - start).total_seconds() or 1.0
+    scale = axis_over(100.0 * np.array([share for line in lines for share in line.share]), frame.bottom - 8.0, 12.0)
+    first, last = frame.left + 8.0, frame.right - 28.0
+
+    def place(moment: datetime) -> float:
+        return first + (moment - start).total_seconds() / whole * (last - first)
+
+    drawn = [value_grid(scale, frame.left, frame.right, frame.values, write)]
+    drawn.append(label("%", frame.left - 6.0, frame.bottom + 4.0, text_anchor="end", class_="quiet"))
+    for moment, words in time_ticks(start, end, frame.times):
+        drawn.append(label(words, place(moment), frame.height - 8.0, text_anchor="middle", class_="quiet"))
+    for number, line in enumerate(lines):
+        x = np.array([place(moment) for moment in line.at])
+        y = np.asarray(scale(100.0 * np.array(line.share)))
+        dashes = "" if line.is_own else DASHES[1 + number % (len(DASHES) - 1)]
+        drawn.append(
+            element(
+                "path", d=path_through(x, y), class_="sister own" if line.is_own else "sister", stroke_dasharray=dashes
+            )
+        )
+        drawn.append(label(str(number + 1), float(x[-1]) + 6.0, float(y[-1]) + 5.0))
+    return image(frame.width, frame.height, title, *drawn)

@@ -22,8 +22,16 @@ from service.operations.monitoring.long_run import (
     sisters_with_trend,
     spectra_of,
 )
-from service.report.sisters_chart import ShareLine, sisters_chart
-from service.report.trend_chart import LOW_NARROW, LOW_WIDE, Mark, TrendPicture, Wedge, trend_chart
+from service.report.trend_chart import (
+    LOW_NARROW,
+    LOW_WIDE,
+    Mark,
+    ShareLine,
+    TrendPicture,
+    Wedge,
+    sisters_chart,
+    trend_chart,
+)
 from service.report.waterfall import Response as DrawnResponse
 from service.report.waterfall import waterfall
 from service.store.trend.points import Span, TrendPoint

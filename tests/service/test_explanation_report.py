@@ -589,7 +589,7 @@ def test_places_are_said_by_keys_to_programs_and_in_words_to_people() -> None:
     assert place_sentence(place, KEYS) == "position_mm 500..850, preload_n 400, band 24..60 Hz"
     assert place_sentence(place, NAMES) == "500 to 850 mm, 400 N, 24 to 60 Hz"
     channels = Extent(Dimension.CHANNEL, names=("acceleration-at-table, phase", "b"))
-    mode = MisfitPlace((channels, Extent(Dimension.MODE, (176.3, 181.0))))
+    mode = MisfitPlace((channels, Extent(Dimension.MODE, (176.0, 181.0))))
     assert place_sentence(mode, KEYS) == 'channel "acceleration-at-table, phase" and "b", mode 176..181 Hz'
     assert place_sentence(mode, NAMES) == "channel acceleration-at-table, phase and b, mode 176 to 181 Hz"
     everywhere = MisfitPlace(changing_with=(LEVEL, TEMPERATURE))

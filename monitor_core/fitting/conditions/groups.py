@@ -121,8 +121,8 @@ def by_frequency(layout: Layout, n_bands: int) -> Grouping | None:
     group = np.full(layout.n_values, -1, dtype=np.intp)
     _, group[stated] = np.unique(np.searchsorted(edges, frequency, side="right"), return_inverse=True)
     of_groups = [layout.frequency[group == number] for number in range(int(np.max(group)) + 1)]
-    parts = (Extent(dimension, (float(np.min(within)), float(np.max(within)))) for within in of_groups)
-    return Grouping(dimension, group, tuple(parts))
+    ends = (tuple(float(f"{end(within):.3g}") for end in (np.min, np.max)) for within in of_groups)
+    return Grouping(dimension, group, tuple(Extent(dimension, each) for each in ends))
 
 
 @lru_cache(maxsize=4)  # it is asked hundreds of times of the layout at hand
