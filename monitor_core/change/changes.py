@@ -8,6 +8,15 @@ from functools import partial
 
 from monitor_core.change.reference_axis import ReferenceAxis
 from monitor_core.change.reference_ratio import ThenAndNow
+from monitor_core.effects.drive_effects import (
+    ADDED_MASS,
+    BEARING_CHANGE,
+    FAR_BEARING_CHANGE,
+    POSITION_OFFSET,
+    PRELOAD_CHANGE,
+    TORQUE_DELAY,
+    WARMING,
+)
 from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.fitting.machine_sizes import sizes_of_drive

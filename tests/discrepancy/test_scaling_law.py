@@ -18,6 +18,7 @@ from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, ConditionAxis, MachineSizes, Reference, sized_for
 from monitor_core.effects.drive_effects import ADDED_MASS, PRELOAD_CHANGE
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.axis import AxisDescription
 from monitor_core.fitting.comparison import ChangedConditions
 from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds, known_mass
 from monitor_core.fitting.hypothesis import Hypothesis
