@@ -2,7 +2,6 @@
 
 from monitor_core.change.attribution import ChangeAttribution, TriedChange, attribute_change
 from monitor_core.change.cells import positions_of
-from monitor_core.change.changes import Cause
 from monitor_core.change.reference_ratio import FEWEST_POSITIONS
 
-__all__ = ["FEWEST_POSITIONS", "Cause", "ChangeAttribution", "TriedChange", "attribute_change", "positions_of"]
+__all__ = ["FEWEST_POSITIONS", "ChangeAttribution", "TriedChange", "attribute_change", "positions_of"]
