@@ -133,7 +133,7 @@ _CHANGES = {
 _RATIOS = frozenset({"bearing-change", "far-bearing-change"})
 
 
-def attribution_sentence(found: ChangeAttribution) -> str:
+def attribution_sentence(found: "ChangeAttribution") -> str:
     """Return which change explains that an axis moved, how surely, and what else would."""
     likeliest = found.changes[0]
     if found.is_unknown:
@@ -156,7 +156,7 @@ def attribution_sentence(found: ChangeAttribution) -> str:
     return "; ".join(parts)
 
 
-def change_sentence(change: TriedChange) -> str:
+def change_sentence(change: "TriedChange") -> str:
     """Return what a change is, with the 95 % interval of its size."""
     if change.size is None:
         return "nothing has changed"
