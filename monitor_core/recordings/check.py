@@ -17,7 +17,6 @@ from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import AsProposed, ChannelSummary
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
 from monitor_core.recordings.raw.proposal.parts import made_of
-from monitor_core.recordings.raw.text.text_times import columns_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,
     CHANNEL_MAP,
@@ -191,7 +190,7 @@ def _contents_of_raw(as_proposed: AsProposed) -> tuple[tuple[str, object], ...]:
     read, layout = as_proposed.channels, as_proposed.layout
     responses = tuple(f"{each.name}: {inspection.response_remark(each)}" for each in read.responses)
     contents: list[tuple[str, object]] = [("frequency_responses", responses)] if responses else []
-    if texts := columns_of_texts(read):
+    if texts := read.texts:
         contents.append(("columns_of_texts", tuple(f"{name}: {values[0]}" for name, values in texts.items() if values)))
     if read.numbers:
         contents.append(("single_numbers", tuple(f"{name}: {value:g}" for name, value in read.numbers.items())))

@@ -13,7 +13,6 @@ from monitor_core.recordings.check import FileReport, check_file
 from monitor_core.recordings.elements.fields import format_instant
 from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.inspection import ChannelSummary
-from monitor_core.recordings.raw.proposal.entries import FILL_IN
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.recognition import KINDS, SESSION
 from monitor_core.recordings.session_hdf5 import open_session
@@ -68,21 +67,23 @@ def check(context: click.Context, file: Path, map_path: Path | None, plot: str |
     require_target(map_path, "channel map", inputs=[file], replaces=False)
     require_target(page, "page", inputs=[file])
     report = check_file(file)
-    written = []
+    written, n_places = [], 0
     if report.valid and map_path is not None:
         if report.read is None or not report.usable_with_map:
             kind = KINDS[report.format].what
             raise click.UsageError(
                 f"--write-map goes with a raw file; got {kind}, which needs no map: {report.next_step}"
             )
-        map_path.write_text(proposed_map(report.read.channels, report.read.layout), encoding="utf-8")
+        proposal = proposed_map(report.read.channels, report.read.layout)
+        map_path.write_text(proposal.toml(), encoding="utf-8")
+        n_places = proposal.n_places
         written.append(map_path)
     if report.valid and plot is not None:
         written += _plotted(file, report, page)
     if as_json:
         print_json(_document(report, written))
     else:
-        _print(file, report, map_path, written)
+        _print(file, report, map_path, written, n_places)
     if not report.valid:
         if not as_json:
             print_line(f"preload: {' '.join(report.problems[0].split())}", err=True)
@@ -171,7 +172,7 @@ def _channel_document(channel: ChannelSummary) -> JsonObject:
     }
 
 
-def _print(file: Path, report: FileReport, map_path: Path | None, written: Sequence[Path]) -> None:
+def _print(file: Path, report: FileReport, map_path: Path | None, written: Sequence[Path], n_places: int) -> None:
     print_line(f"{file.resolve().name}: {report.format}, {'valid' if report.valid else 'not valid'}")
     for fact in _facts(report):
         print_line(fact)
@@ -196,11 +197,10 @@ def _print(file: Path, report: FileReport, map_path: Path | None, written: Seque
     for path in written:
         print_line(f"Written: {path}")
     if map_path is not None and map_path in written:
-        print_line(f"Next: {_step_with_map(report, map_path)}")
+        print_line(f"Next: {_step_with_map(report, map_path, n_places)}")
 
 
-def _step_with_map(report: FileReport, map_path: Path) -> str:
-    n_places = sum(f"{FILL_IN}:" in line for line in map_path.read_text(encoding="utf-8").splitlines())
+def _step_with_map(report: FileReport, map_path: Path, n_places: int) -> str:
     marked = "its marked place" if n_places == 1 else f"its {n_places} marked places"
     places = f"fill in {marked}, look at what is marked to confirm" if n_places else "look at it"
     (use,) = report.uses

@@ -1,12 +1,15 @@
 """Lay out what ``check`` found in files: the result of a job of kind ``check``."""
 
+from dataclasses import asdict
 from datetime import datetime
 from typing import Final
 
 from monitor_core.recordings.check import FileReport
 from monitor_core.recordings.elements.fields import format_instant
 from monitor_core.recordings.raw.inspection import ChannelSummary
+from monitor_core.recordings.raw.proposal.entries import MapProposal
 from monitor_core.recordings.recognition import KINDS
+from service.documents.map_form import map_fields
 from service.json_types import Json, JsonObject
 
 _MOST_CHANNELS: Final = 200
@@ -14,9 +17,9 @@ _MOST_VALUES: Final = 500
 
 
 def file_check_document(
-    found: FileReport, problems: tuple[str, ...], *, lacks: str, channel_map: str | None
+    found: FileReport, problems: tuple[str, ...], *, lacks: str, proposal: MapProposal | None
 ) -> JsonObject:
-    """Lay it out; ``lacks``: what a calibration from it would need; ``channel_map``: the proposal, TOML, to fill in."""
+    """Lay it out; ``lacks``: what a calibration from it would need; ``proposal``: a channel map, to fill in."""
     kind = KINDS.get(found.format)
     return {
         "format": found.format,
@@ -27,7 +30,8 @@ def file_check_document(
         "contents": {name: json_fact(value, _MOST_VALUES) for name, value in found.contents},
         "channels": [_channel(channel) for channel in found.channels[:_MOST_CHANNELS]],
         "lacks_for_calibration": lacks or None,
-        "map": channel_map,
+        "map": None if proposal is None else proposal.toml(),
+        "map_form": None if proposal is None else [asdict(table) for table in map_fields(proposal)],
     }
 
 

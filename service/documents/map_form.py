@@ -2,14 +2,13 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-_TABLE: Final = re.compile(r"\[(?P<name>[\w.-]+)\]\s*(?:#\s*(?P<remark>.*))?")
-_ENTRY: Final = re.compile(r'(?P<name>[a-z_]+) = (?P<value>"(?:[^"\\]|\\.)*"|[^#]*?)\s*(?:#\s*(?P<remark>.*))?')
-_BLANK: Final = re.compile(r"# (?P<name>[a-z_]+) =\s*# fill in: (?P<remark>.*)")
-_OPTIONAL: Final = re.compile(r"# (?P<name>[a-z_]+) = (?P<value>\"[^\"]*\"|\S+)\s*#\s*(?P<remark>.*)")
+from monitor_core.recordings.raw.proposal.entries import MapEntry, MapProposal, Mark
+
+#: What a person types that TOML takes without quotes: numbers and moments.
 _PLAIN: Final = re.compile(
     r"[+-]?\d+(\.\d+)?([eE][+-]?\d+)?|\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)|true|false"
 )
@@ -24,12 +23,12 @@ class MapField:
     value: str  # proposed; empty: to be filled in, or left out
     remark: str
     required: bool
-    example: str = ""  # of an entry that may be left out
-    quoted: bool = False  # whether it is a text
+    example: str  # of an entry that may be left out
+    quoted: bool  # whether it is a text
 
 
 @dataclass(frozen=True, slots=True)
-class MapTable:
+class FieldTable:
     """A table of a channel map; the first has no name."""
 
     name: str
@@ -37,49 +36,31 @@ class MapTable:
     fields: list[MapField]
 
 
-def map_tables(text: str) -> list[MapTable]:
-    """Read a map that :func:`proposed_map` wrote, entry by entry; what is commented out has no value."""
-    tables = [MapTable("", "", [])]
-    for line in text.splitlines():
-        if found := _TABLE.fullmatch(line):
-            tables.append(MapTable(found["name"], found["remark"] or "", []))
-        elif (entry := _field(line, tables[-1].name)) is not None:
-            tables[-1].fields.append(entry)
-    return [table for table in tables if table.fields]
+def map_fields(proposal: MapProposal) -> list[FieldTable]:
+    """Return the fields of a proposed map, table by table."""
+    return [
+        FieldTable(table.name, table.remark, [_field(entry, table.name) for entry in table.entries])
+        for table in proposal.tables
+        if table.entries
+    ]
 
 
-def _field(line: str, table: str) -> MapField | None:
-    if found := _BLANK.fullmatch(line):
-        return MapField(f"{table}.{found['name']}", found["name"], "", found["remark"], required=True)
-    if found := _OPTIONAL.fullmatch(line):
-        example = found["value"]
-        return MapField(
-            f"{table}.{found['name']}", found["name"], "", found["remark"].removeprefix("optional: "),
-            required=False, example=_unquoted(example), quoted=example.startswith('"'),
-        )  # fmt: skip
-    if found := _ENTRY.fullmatch(line):
-        remark = (found["remark"] or "").removeprefix("confirm: ")
-        value = found["value"].strip()
-        return MapField(
-            f"{table}.{found['name']}", found["name"], _unquoted(value), remark, required=True,
-            quoted=value.startswith('"'),
-        )  # fmt: skip
-    return None
+def _field(entry: MapEntry, table: str) -> MapField:
+    optional = entry.mark is Mark.OPTIONAL
+    value, example = ("", entry.value) if optional else (entry.value, "")
+    key = f"{table}.{entry.name}"
+    return MapField(key, entry.name, value, entry.remark, not optional, example, quoted=entry.is_text)
 
 
-def filled_map(proposed: str, values: Mapping[str, str]) -> str:
-    """Return the map of a filled-in form: the proposal with these values, without what was left empty."""
+def filled_map(tables: Sequence[FieldTable], values: Mapping[str, str]) -> str:
+    """Return the map of a filled-in form, as TOML, without what was left empty."""
     lines: list[str] = []
-    for table in map_tables(proposed):
+    for table in tables:
         entries = [(field, values.get(field.key, "").strip()) for field in table.fields]
         if table.name and any(value for _, value in entries):
             lines += ["", f"[{table.name}]"]
         lines += [f"{field.name} = {_literal(value, quoted=field.quoted)}" for field, value in entries if value]
     return "\n".join(lines) + "\n"
-
-
-def _unquoted(value: str) -> str:
-    return str(json.loads(value)) if value.startswith('"') else value
 
 
 def _literal(value: str, *, quoted: bool) -> str:

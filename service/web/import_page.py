@@ -16,7 +16,7 @@ from service.api.access import needs
 from service.api.jobs import JobOut
 from service.api.recordings import receive, recording_out
 from service.api.services import Services, ServicesOf
-from service.documents.map_form import MapTable, filled_map, map_tables
+from service.documents.map_form import FieldTable, filled_map
 from service.errors import ConflictError, ServiceError, status_of
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
@@ -61,6 +61,7 @@ class Found(BaseModel):
     channels: list[FoundChannel]
     lacks_for_calibration: str | None
     map: str | None
+    map_form: list[FieldTable] | None = None
 
 
 @router.get("/axes/{axis}/import", dependencies=[needs(Scope.TRENDS_READ)])
@@ -100,8 +101,8 @@ def _take(axis: str, recording: int, form: FormData, page: Page, on: Services) -
     view = on.recordings.get(axis, recording)
     found, typed = _found(view), {key: value for key, value in form.items() if isinstance(value, str)}
     map_text = view.row.channel_map
-    if found is not None and found.map is not None and map_text is None:
-        map_text = filled_map(found.map, typed)
+    if found is not None and found.map_form is not None and map_text is None:
+        map_text = filled_map(found.map_form, typed)
     try:
         on.recordings.take_kept(axis, recording, map_text)
     except ConflictError:
@@ -127,8 +128,7 @@ def _recording_page(
     status: int = 200
 ) -> Response:  # fmt: skip
     found = _found(view)
-    needs_map = found is not None and found.map is not None and view.row.channel_map is None
-    tables: list[MapTable] = map_tables(found.map) if found is not None and found.map is not None and needs_map else []
+    tables = found.map_form if found is not None and view.row.channel_map is None else None
     return page.show(
         "recording.html",
         status=status,
@@ -136,7 +136,7 @@ def _recording_page(
         recording=recording_out(view),
         job=JobOut.model_validate(view.job),
         found=found,
-        tables=tables,
+        tables=tables or [],
         typed=typed or {},
         refusal=refusal,
     )
@@ -145,4 +145,8 @@ def _recording_page(
 def _found(view: RecordingView) -> Found | None:
     """Return what is in a recording whose files were looked into; None while they are, and once it is taken."""
     is_known = view.row.state == "uploaded" and view.job.status == "done"
-    return Found.model_validate(view.job.result) if is_known else None
+    found = Found.model_validate(view.job.result) if is_known else None
+    if found is not None and found.map is not None and found.map_form is None:
+        earlier = "an earlier version looked into this file, and proposed no form: give the file once more"
+        return found.model_copy(update={"valid": False, "problems": [earlier]})
+    return found

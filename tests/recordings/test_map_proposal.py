@@ -18,10 +18,14 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings import check_file, import_session, read_channel_map
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
-from monitor_core.recordings.raw.proposal.entries import CONFIRM, FILL_IN, printed
-from monitor_core.recordings.raw.proposal.map_proposal import map_text, proposed_map
-from monitor_core.recordings.raw.text.text_times import TextTimes, text_times
+from monitor_core.recordings.raw.inspection import read_as_proposed
+from monitor_core.recordings.raw.proposal.entries import printed
+from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
+from monitor_core.recordings.raw.proposal.sampling import TextTimes, text_times
 from monitor_core.recordings.raw.text.times import times_of
+from monitor_core.recordings.recognition import format_of
+
+CONFIRM, FILL_IN = "# confirm:", "# fill in"
 
 RATE, N = 10_000.0, 4000
 TIME = np.arange(N) / RATE
@@ -31,6 +35,12 @@ RNG = np.random.default_rng(3)
 CURRENT, ACCELERATION = RNG.normal(size=N), RNG.normal(size=N)
 POSITION = 250.0 + 0.5 * np.sin(2 * np.pi * TIME)  # [mm]
 START = datetime(2025, 3, 1, 6, tzinfo=UTC)
+
+
+def map_text(raw):
+    """Return the map that is proposed for a file."""
+    read = read_as_proposed(raw, format_of(raw))
+    return proposed_map(read.channels, read.layout).toml()
 
 
 class Filled:
@@ -211,7 +221,7 @@ def test_a_map_as_it_is_proposed_is_toml(tmp_path):
 def test_position_and_force_alone_are_a_motion_record():
     columns = {"t": TIME, "Position [m]": POSITION, "Position ref [m]": POSITION, "Force [N]": CURRENT}
     read = Channels("axis.csv", tuple(Channel(name, values) for name, values in columns.items()))
-    proposed = tomllib.loads(proposed_map(read))
+    proposed = tomllib.loads(proposed_map(read).toml())
     assert proposed["motion"]["position"] == {"channel": "Position [m]", "unit": "m"}
     assert proposed["motion"]["force"] == {"channel": "Force [N]", "unit": "N"}
     assert proposed["motion"]["reference"] == {"channel": "Position ref [m]", "unit": "m"}
@@ -221,16 +231,16 @@ def test_position_and_force_alone_are_a_motion_record():
 def test_columns_of_a_frequency_response_are_a_set_of_responses():
     columns = {"Frequency (Hz)": np.arange(1.0, 100.0), "Real": np.ones(99), "Imag": np.ones(99)}
     read = Channels("frf.csv", tuple(Channel(name, values) for name, values in columns.items()))
-    proposed = tomllib.loads(proposed_map(read))["frf"]
+    proposed = tomllib.loads(proposed_map(read).toml())["frf"]
     assert proposed["frequency"] == {"channel": "Frequency (Hz)", "unit": "Hz"}
     assert (proposed["real"]["channel"], proposed["imaginary"]["channel"]) == ("Real", "Imag")
 
 
 def test_responses_of_an_analyser_are_proposed():
     response = FrequencyResponse("Point 1", np.arange(1.0, 9.0), np.ones(8, complex), "m/s^2", "N")
-    text = proposed_map(Channels("a.uff", (), (response,)))
+    text = proposed_map(Channels("a.uff", (), (response,))).toml()
     assert tomllib.loads(text)["frf"]["response"] == {"channel": "Point 1", "unit": "m/s2/N"}
-    unknown = proposed_map(Channels("a.uff", (), (replace(response, response_unit="furlong"),)))
+    unknown = proposed_map(Channels("a.uff", (), (replace(response, response_unit="furlong"),))).toml()
     assert "fill in: unit of the response, such as m/(N.s2); the file says furlong per N" in unknown
 
 
@@ -239,7 +249,7 @@ def test_two_clocks_ask_for_a_rate():
         Channel("Torque", CURRENT, "Nm", clock="Time 1"), Channel("Acceleration", ACCELERATION, "g", clock="Time 2"),
         Channel("Time 1", TIME, "s"), Channel("Time 2", TIME, "s"),
     )  # fmt: skip
-    filled = Filled(proposed_map(Channels("scope.csv", channels)))
+    filled = Filled(proposed_map(Channels("scope.csv", channels)).toml())
     assert "[resample]" in filled.text
     assert filled.places == ["sample_rate_hz", "started_at", "position_mm"]
 
@@ -286,7 +296,6 @@ def test_the_pattern_that_is_proposed_reads_the_times_as_python_does():
 
 
 def test_how_a_text_is_written_is_proposed_with_it(tmp_path):
-    pytest.importorskip("monitor_core.recordings.raw.text.layout")
     rows = [f"25.03.2025;06:00:{k // 100:02d},{k % 100:02d};1,{k % 7};0,{k % 5}" for k in range(500)]
     head = ["Logger XY 2000", "", "Datum;Uhrzeit;Kraft [N];Beschleunigung [m/s²]"]
     (tmp_path / "log.csv").write_bytes("\r\n".join([*head, *rows]).encode("latin-1"))

@@ -12,12 +12,14 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from monitor_core.recording import Session
 from monitor_core.recordings.model_file import parse_model
-from monitor_core.recordings.raw.proposal.map_proposal import map_text
+from monitor_core.recordings.raw.inspection import read_as_proposed
+from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.session_hdf5 import write_session
-from service.documents.map_form import filled_map, map_tables
+from service.documents.map_form import FieldTable, filled_map, map_fields
 from service.operations.calibrating import fit_job
 from service.operations.recordings import recordings
 from tests.service.conftest import CONFIGURATION, START, Api, running_service, simulated_measurement
@@ -249,11 +251,12 @@ def test_a_raw_file_is_taken_with_the_form_that_is_proposed(api: Api, tmp_path: 
     number, job = upload(api, (name, (tmp_path / name).read_bytes()))
     found = job["result"]
     assert found["valid"], found
-    fields = {field.key: field for part in map_tables(found["map"]) for field in part.fields}
+    form = TypeAdapter(list[FieldTable]).validate_python(found["map_form"])
+    fields = {field.key: field for part in form for field in part.fields}
     assert fields[".axis_id"].value == "axis"
     values = {key: field.value or TYPED.get(key, "") for key, field in fields.items()}
     assert all(values[key] for key, field in fields.items() if field.required)
-    body = {"map": filled_map(found["map"], values)}
+    body = {"map": filled_map(form, values)}
     refused = api.http.post(f"/v1/axes/axis/recordings/{number}/import", json={"map": body["map"].replace("N.m", "kg")})
     refused_with(refused, 422, says="kg")
     assert api.http.get(f"/v1/axes/axis/recordings/{number}").json()["state"] == "uploaded"  # nothing is lost
@@ -264,9 +267,11 @@ def test_a_raw_file_is_taken_with_the_form_that_is_proposed(api: Api, tmp_path: 
 
 def test_the_map_of_a_form_that_nobody_touched_is_the_proposal(tmp_path: Path) -> None:
     csv(tmp_path / "run.csv")
-    proposed = map_text(tmp_path / "run.csv")
-    values = {field.key: field.value for part in map_tables(proposed) for field in part.fields}
-    assert tomllib.loads(filled_map(proposed, values)) == tomllib.loads(proposed)
+    read = read_as_proposed(tmp_path / "run.csv", "csv")
+    proposed = proposed_map(read.channels, read.layout)
+    form = map_fields(proposed)
+    values = {field.key: field.value for part in form for field in part.fields}
+    assert tomllib.loads(filled_map(form, values)) == tomllib.loads(proposed.toml())
 
 
 @pytest.mark.parametrize(

@@ -40,15 +40,15 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
         problems.append(f"expected one session at once, or raw files with a map; got {len(paths)} files")
     problems += _not_windows(paths[0].name, first)
     needs_map = not problems and bool(first.usable_with_map)
-    text = None
+    proposal = None
     if needs_map and first.read is not None:
-        text = _for_axis(proposed_map(first.read.channels, first.read.layout), axis_id)
-    return file_check_document(first, tuple(problems), lacks=_lacks(first), channel_map=text)
+        proposal = proposed_map(first.read.channels, first.read.layout).for_axis(axis_id)
+    return file_check_document(first, tuple(problems), lacks=_lacks(first), proposal=proposal)
 
 
 def unreadable(name: str, problem: str) -> JsonObject:
     """Return the answer for a file that nothing can be said of."""
-    return file_check_document(FileReport(UNKNOWN, False, (problem or name,)), (problem,), lacks="", channel_map=None)
+    return file_check_document(FileReport(UNKNOWN, False, (problem or name,)), (problem,), lacks="", proposal=None)
 
 
 def _not_windows(name: str, found: FileReport) -> list[str]:
@@ -76,11 +76,3 @@ def _lacks(found: FileReport) -> str:
 
 def _numbers(value: object) -> tuple[float, ...]:
     return tuple(item for item in value if isinstance(item, float)) if isinstance(value, tuple) else ()
-
-
-def _for_axis(text: str, axis_id: str) -> str:
-    """Return a proposed map with the axis that it is uploaded for, in place of the name of the file."""
-    lines = text.splitlines()
-    place = next(number for number, line in enumerate(lines) if line.startswith("axis_id ="))
-    lines[place] = f'axis_id = "{axis_id}"'
-    return "\n".join(lines) + "\n"

@@ -1,7 +1,7 @@
 """Propose when the samples were taken: sampling times, their unit, the rate, and windows to cut a long record into."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +13,23 @@ from monitor_core.recordings.raw.channel_kind import MOST_STEPS, ChannelKind, na
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.inspection import step_of
 from monitor_core.recordings.raw.mapping.clocks import clock_of_times, printed_digit
-from monitor_core.recordings.raw.proposal.entries import CONFIRM, blank, choice_of_units, entry, plain, printed
+from monitor_core.recordings.raw.proposal.entries import (
+    MapEntry,
+    MapTable,
+    Mark,
+    choice_of_units,
+    missing,
+    number,
+    place_entries,
+    plain,
+)
 from monitor_core.recordings.raw.proposal.parts import Part
-from monitor_core.recordings.raw.text.text_times import TextTimes
 from monitor_core.recordings.raw.text.times import times_of
 
+_ISO = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(?P<zone>[Zz]|[+-]\d\d:?\d\d)?", re.ASCII)
+_CLOCK = re.compile(r"\d{1,2}:\d\d(?P<seconds>:\d\d)?((?P<sign>[.,])\d+)?(?P<half>\s?[AaPp][Mm])?", re.ASCII)
+_DATE = re.compile(r"(\d{1,4})([-./])(\d{1,2})\2(\d{1,4})", re.ASCII)
+_MOST_LOOKED_AT = 1000
 _PLAUSIBLE_STEPS = (("s", 0.05), ("ms", 50.0), ("us", 5e4))  # longest step of a recording that is to show a mode
 #: Records of fewer seconds are left whole.
 _FEWEST_WINDOWS = 8
@@ -28,6 +40,17 @@ _NAMES_OF_RATE = frozenset((
     "sampleratehz", "samplingratehz", "samplingfrequencyhz",
 ))  # fmt: skip
 _NAMES_OF_STEP = frozenset(("dt", "ts", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval"))
+
+
+@dataclass(frozen=True, slots=True)
+class TextTimes:
+    """Columns of texts that seem to be sampling times."""
+
+    channel: str
+    date: str | None  # column of dates in front of it
+    form: str | None  # "iso" or a pattern of strptime; None where day and month may stand either way
+    is_dated: bool
+    has_zone: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,52 +74,44 @@ def rate_of_numbers(channels: Channels) -> StatedRate | None:
     return found[0] if agree else None
 
 
-def rate_line(stated: StatedRate | None) -> str:
+def rate_entry(stated: StatedRate | None) -> MapEntry:
     """Return the entry of the rate that neither channels nor sampling times say."""
     if stated is None:
-        return blank("sample_rate_hz", "samples of a channel in a second; the file does not say it")
-    return entry("sample_rate_hz", f"{stated.sample_rate:.12g}", f"{CONFIRM} {plain(stated.name)} of the file")
+        return missing("sample_rate_hz", "samples of a channel in a second; the file does not say it")
+    return number("sample_rate_hz", f"{stated.sample_rate:.12g}", f"{plain(stated.name)} of the file")
 
 
-def time_lines(times: Part | TextTimes | None, signals: Sequence[Part]) -> Iterator[str]:
-    """Yield the entries of sampling times, or of the rate that clocks of their own are brought to."""
+def time_tables(times: Part | TextTimes | None, signals: Sequence[Part]) -> list[MapTable]:
+    """Return the table of sampling times, or of the rate that clocks of their own are brought to; none if neither."""
     clocks = {part.channel.clock for part in signals}
-    stated = any(part.channel.sample_rate is not None for part in signals)
     if clocks - {None}:
-        if len(clocks) > 1:
-            yield from ("", "[resample]                             # the channels have clocks of their own")
-            yield blank("sample_rate_hz", "rate that all channels are brought to")
-            yield entry("method", printed("cubic"), f"{CONFIRM} cubic | linear; the error is estimated and said")
-        return
-    if stated or times is None:
-        return
-    yield ""
-    yield "[time]                                 # channel of the sampling times"
-    if isinstance(times, TextTimes):
-        yield from _text_time_lines(times)
-        return
-    unit, remark = _unit_of_times(times)
-    yield entry("channel", printed(times.channel.name), f"{CONFIRM} rises evenly, or is named so")
-    if times.entry is not None:
-        yield entry(times.entry, str(times.number), f"{CONFIRM} {times.entry} of the array, counted from 1")
-    if unit is None:
-        yield blank("unit", choice_of_units(ChannelKind.TIME))
-    else:
-        yield entry("unit", printed(unit), remark)
+        resample = (
+            missing("sample_rate_hz", "rate that all channels are brought to"),
+            MapEntry("method", "cubic", "cubic | linear; the error is estimated and said"),
+        )
+        return [MapTable("resample", resample, "the channels have clocks of their own")] if len(clocks) > 1 else []
+    if times is None or any(part.channel.sample_rate is not None for part in signals):
+        return []
+    entries = _text_time_entries(times) if isinstance(times, TextTimes) else _time_entries(times)
+    return [MapTable("time", tuple(entries), "channel of the sampling times")]
 
 
-def _text_time_lines(times: TextTimes) -> Iterator[str]:
-    yield entry(
-        "channel", printed(times.channel), f"{CONFIRM} texts of {'a date and time' if times.is_dated else 'a time'}"
-    )
+def _time_entries(times: Part) -> Iterator[MapEntry]:
+    yield from place_entries(times, "rises evenly, or is named so")
+    unit, mark, remark = _unit_of_times(times)
+    yield missing("unit", choice_of_units(ChannelKind.TIME)) if unit is None else MapEntry("unit", unit, remark, mark)
+
+
+def _text_time_entries(times: TextTimes) -> Iterator[MapEntry]:
+    yield MapEntry("channel", times.channel, f"texts of {'a date and time' if times.is_dated else 'a time'}")
     if times.date is not None:
-        yield entry("date", printed(times.date), f"{CONFIRM} the dates that belong to them")
+        yield MapEntry("date", times.date, "the dates that belong to them")
     if times.form is None:
-        yield blank("format", '"iso", or a pattern such as "%d/%m/%Y %H:%M:%S": is the day or the month in front?')
+        yield missing("format", '"iso", or a pattern such as "%d/%m/%Y %H:%M:%S": is the day or the month in front?')
     else:
-        yield entry("format", printed(times.form), f"{CONFIRM} iso, or a pattern of day, month, hour …")
+        yield MapEntry("format", times.form, "iso, or a pattern of day, month, hour …")
     if times.is_dated and not times.has_zone:
-        yield blank("zone", 'zone of these times, such as "+01:00" or "Z"')
+        yield missing("zone", 'zone of these times, such as "+01:00" or "Z"')
 
 
 def _counts(times: Part) -> bool:
@@ -105,19 +120,19 @@ def _counts(times: Part) -> bool:
     return first.size > 1 and bool((np.diff(first) == 1.0).all()) and float(first[0]) in (0.0, 1.0)
 
 
-def _unit_of_times(times: Part) -> tuple[str | None, str]:
-    """Return the unit of sampling times: as stated, else the first in which the rate is one of recordings."""
+def _unit_of_times(times: Part) -> tuple[str | None, Mark, str]:
+    """Return the unit of sampling times, as stated, else the first in which the rate is one of recordings; and why."""
     factors, step = FACTOR_TO_SI[Quantity.TIME], step_of(times.samples)
     unit = times.unit if times.unit in factors else None
     if unit is not None and canonical_unit(times.channel.unit) is not None:
-        return unit, "as the file says"
+        return unit, Mark.STATED, "as the file says"
     if unit is None and (names_other_unit(times.channel.name) or _counts(times)):
-        return None, ""
+        return None, Mark.FILL_IN, ""
     if unit is None and step is not None:
         unit = next((name for name, longest in _PLAUSIBLE_STEPS if step <= longest), None)
     if unit is None or step is None:
-        return unit, f"{CONFIRM} as the name of the channel says"
-    return unit, f"{CONFIRM} steps of {step:g} {unit} are {1.0 / (step * factors[unit]):g} Hz"
+        return unit, Mark.CONFIRM, "as the name of the channel says"
+    return unit, Mark.CONFIRM, f"steps of {step:g} {unit} are {1.0 / (step * factors[unit]):g} Hz"
 
 
 def rate_of_texts(times: TextTimes, channels: Channels) -> float | None:
@@ -148,17 +163,71 @@ def _mean_rate(seconds: FloatArray, printed: float) -> float | None:
     return 1.0 / mean
 
 
-def cutting_line(signals: Sequence[Part], times: Part | TextTimes | None, rate_elsewhere: float | None) -> str:
+def cutting_entry(signals: Sequence[Part], times: Part | TextTimes | None, rate_elsewhere: float | None) -> MapEntry:
     """Propose windows of a second of a record that has several: a measurement is an average over windows."""
     rate = next((part.channel.sample_rate for part in signals if part.channel.sample_rate is not None), None)
     if rate is None and isinstance(times, Part):
-        unit, _ = _unit_of_times(times)
+        unit, *_ = _unit_of_times(times)
         if unit is not None:
-            first, factor = times.samples.reshape(-1)[:MOST_STEPS], FACTOR_TO_SI[Quantity.TIME][unit]
-            rate = _mean_rate(first.astype(np.float64) * factor, printed_digit(first) * factor)
+            start, factor = times.samples.reshape(-1)[:MOST_STEPS], FACTOR_TO_SI[Quantity.TIME][unit]
+            rate = _mean_rate(start.astype(np.float64) * factor, printed_digit(start) * factor)
     rate = rate_elsewhere if rate is None else rate
     size = max((part.samples.size for part in signals), default=0)
     if rate is None or not _FEWEST_WINDOWS * rate <= size:
-        return "# samples_per_window = 20000           # cuts a long record: a measurement is an average of several"
-    said = f"{CONFIRM} windows of a second; a measurement is an average over several"
-    return entry("samples_per_window", str(round(rate)), said)
+        remark = "cuts a long record: a measurement is an average of several"
+        return number("samples_per_window", "20000", remark, Mark.OPTIONAL)
+    remark = "windows of a second; a measurement is an average over several"
+    return number("samples_per_window", str(round(rate)), remark)
+
+
+def text_times(columns: Mapping[str, Sequence[str]]) -> TextTimes | None:
+    """Return what columns of texts seem to say; None if none of them is a time."""
+    known = {name: [text.strip() for text in texts[:_MOST_LOOKED_AT]] for name, texts in columns.items() if texts}
+    for name, texts in known.items():
+        if (found := _ISO.fullmatch(texts[0])) is not None:
+            return TextTimes(name, None, "iso", is_dated=True, has_zone=found["zone"] is not None)
+    dates = next((name for name, texts in known.items() if _DATE.fullmatch(texts[0])), None)
+    for name, texts in known.items():
+        date, _, clock = _parted(texts[0])
+        pattern = _clock_pattern(clock)
+        if pattern is None or (date and not _DATE.fullmatch(date)):
+            continue
+        if date:
+            form = _joined([_parted(text)[0] for text in texts], pattern)
+            return TextTimes(name, None, form, is_dated=True, has_zone=False)
+        if dates is not None:
+            return TextTimes(name, dates, _joined(known[dates], pattern), is_dated=True, has_zone=False)
+        return TextTimes(name, None, pattern, is_dated=False, has_zone=False)
+    return None
+
+
+def _parted(text: str) -> tuple[str, str, str]:
+    """Part the date from the time behind it, which may end in AM or PM."""
+    return ("", "", text) if ":" in text.partition(" ")[0] else text.partition(" ")
+
+
+def _clock_pattern(text: str) -> str | None:
+    found = _CLOCK.fullmatch(text)
+    if found is None:
+        return None
+    hour = "%H" if found["half"] is None else "%I"
+    half = "" if found["half"] is None else f"{found['half'][:-2]}%p"
+    fraction = "" if found["sign"] is None else f"{found['sign']}%f"
+    return f"{hour}:%M{'' if found['seconds'] is None else ':%S'}{fraction}{half}"
+
+
+def _joined(dates: Sequence[str], clock: str) -> str | None:
+    date = _date_pattern(dates)
+    return None if date is None else f"{date} {clock}"
+
+
+def _date_pattern(dates: Sequence[str]) -> str | None:
+    """Return the pattern of dates; None where a stroke leaves day and month open in all of them."""
+    parts = [found.groups() for text in dates if (found := _DATE.fullmatch(text)) is not None]
+    first, sign, _, last = parts[0]
+    if len(first) == 4:
+        return f"%Y{sign}%m{sign}%d"
+    year = "%Y" if len(last) == 4 else "%y"
+    if sign == "." or any(int(groups[0]) > 12 for groups in parts):
+        return f"%d{sign}%m{sign}{year}"
+    return f"%m{sign}%d{sign}{year}" if any(int(groups[2]) > 12 for groups in parts) else None
