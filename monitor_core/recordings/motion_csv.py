@@ -13,7 +13,7 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, MotionRecord
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw.channels import Channels
-from monitor_core.recordings.raw.text import csv_samples
+from monitor_core.recordings.raw.text import columns
 
 TIME, POSITION, REFERENCE = "time_s", "position_m", "reference_m"
 DRIVES = {"force_n": ExcitationQuantity.FORCE, "torque_nm": ExcitationQuantity.TORQUE}
@@ -34,7 +34,7 @@ def read_motion_record(path: Path) -> MotionRecord:
     ``RecordingFormatError`` if a column is missing, both force and torque are there, the sampling is not uniform, or a
     value is not finite.
     """
-    channels = csv_samples.read_channels(path)
+    channels = columns.read_channels(path)
     drives = [name for name in DRIVES if name in channels.names]
     if len(drives) != 1:
         got = " and ".join(drives) or f"neither in {', '.join(channels.names)[:200]}"

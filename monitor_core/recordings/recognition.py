@@ -11,7 +11,7 @@ from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings import motion_csv
-from monitor_core.recordings.elements.files import refusing, require_file, utf16_codec
+from monitor_core.recordings.elements.files import listed, refusing, require_file, utf16_codec
 from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5
 
 SESSION, FRF_SET, MODAL_TABLE, MOTION_RECORD = "preload-session", "preload-frf-set", "modal-table", "motion-record"
@@ -210,12 +210,6 @@ def raw_ending(path: Path, known: Collection[str]) -> str:
 def is_raw(name: str) -> bool:
     """Tell whether a format is that of raw files, whose channels mean nothing without a channel map."""
     return KINDS[name].ending is not None and name not in (MODAL_TABLE, MOTION_RECORD)
-
-
-def listed(words: list[str]) -> str:
-    """Return words as a sentence lists alternatives."""
-    *first, last = words
-    return f"{', '.join(first)} or {last}" if first else last
 
 
 def _advice(name: str, got: str, expected: tuple[str, ...]) -> str:

@@ -5,7 +5,8 @@ import pytest
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text.layout import TextLayout
+from monitor_core.recordings.raw.text.proposal import propose
 
 
 @pytest.mark.parametrize("number", range(7))
@@ -13,7 +14,7 @@ def test_a_labview_spreadsheet_is_read_with_the_layout_that_is_proposed(measured
     path = measured_data / "dropbear" / f"slow10_test{number}.txt"
     with pytest.raises(RecordingFormatError, match="5 rows above its names, a row of units and rows between"):
         read_channels(path)
-    layout = propose_layout(path)
+    layout = propose(path).layout
     assert layout == TextLayout("tab", header_row=6, unit_row=7, first_row=10)
     channels = read_channels(path, layout)
     assert channels.names == ("Low G Accel", "Accel", "PinLoc", "Time")
@@ -29,6 +30,6 @@ def test_a_labview_spreadsheet_is_read_with_the_layout_that_is_proposed(measured
      ("xjtu_ballscrew/Up_FT.txt", 1, 30), ("xjtu_ballscrew/Down_FT.txt", 1, 30)],
 )  # fmt: skip
 def test_plain_columns_need_no_layout(measured_data, name, n_channels, n_samples):
-    assert propose_layout(measured_data / name) is None
+    assert not propose(measured_data / name).reasons
     channels = read_channels(measured_data / name)
     assert [channel.samples.size for channel in channels.channels] == [n_samples] * n_channels

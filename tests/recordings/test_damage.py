@@ -139,7 +139,7 @@ MAKERS = {
     ),
     "raw.binary.tdms.read_channels": _tdms,
     "raw.binary.uff58.read_channels": lambda p: p.write_bytes(uff_set(SAMPLES) + uff_set(SAMPLES, binary=True)),
-    "raw.text.csv_samples.read_channels": lambda p: p.write_text(
+    "raw.text.columns.read_channels": lambda p: p.write_text(
         "t,a\n" + "".join(f"{i},{i / 4}\n" for i in range(40))
     ),
     "motion_csv.read_motion_record": lambda p: p.write_text(

@@ -13,7 +13,7 @@ from monitor_core.recordings import check_file, write_session
 from monitor_core.recordings.elements.units import Quantity, factor_to_si
 from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of_name, unit_in_name
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.inspection import inspect, summaries_of, summary_of
+from monitor_core.recordings.raw.inspection import read_as_proposed, summaries_of, summary_of
 from tests.conftest import PROJECT_ROOT
 
 RATE = 10_000.0
@@ -30,7 +30,7 @@ def noise(seed=0):
 
 def test_a_channel_is_listed_with_shape_first_values_and_extremes(tmp_path):
     np.savez(tmp_path / "a.npz", torque=np.array([1.0, -2.5, 4.0]), acc=np.arange(12.0).reshape(3, 4))
-    torque, acc = inspect(tmp_path / "a.npz")
+    torque, acc = summaries_of(read_as_proposed(tmp_path / "a.npz", "npz").channels)
     assert (torque.name, torque.shape, torque.unit, torque.sample_rate) == ("torque", (3,), None, None)
     assert (torque.first_values, torque.minimum, torque.maximum) == ((1.0, -2.5, 4.0), -2.5, 4.0)
     assert (acc.shape, acc.first_values) == ((3, 4), (0.0, 1.0, 2.0, 3.0, 4.0))
@@ -43,7 +43,7 @@ def test_unit_rate_and_start_of_the_file_are_listed(tmp_path):
     }  # fmt: skip
     with nptdms.TdmsWriter(str(tmp_path / "a.tdms")) as writer:
         writer.write_segment([nptdms.ChannelObject("Nut", "Acc", noise(), properties=properties)])
-    (channel,) = inspect(tmp_path / "a.tdms")
+    (channel,) = summaries_of(read_as_proposed(tmp_path / "a.tdms", "tdms").channels)
     assert (channel.name, channel.shape, channel.unit) == ("Nut/Acc", (5000,), "g")
     assert channel.sample_rate == pytest.approx(RATE)
     assert channel.started_at == datetime(2025, 3, 1, 6, tzinfo=UTC)

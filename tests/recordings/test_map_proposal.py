@@ -19,10 +19,10 @@ from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings import check_file, import_session, read_channel_map
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.inspection import read_as_proposed
+from monitor_core.recordings.raw.mapping.times import times_of
 from monitor_core.recordings.raw.proposal.entries import printed
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.raw.proposal.sampling import TextTimes, text_times
-from monitor_core.recordings.raw.text.times import times_of
 from monitor_core.recordings.recognition import format_of
 
 CONFIRM, FILL_IN = "# confirm:", "# fill in"

@@ -10,7 +10,7 @@ import scipy.io
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.raw.binary import mat, npz, tdms, uff58
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text import csv_samples
+from monitor_core.recordings.raw.text import columns
 
 SAMPLES = np.array([0.0, 0.5, -1.25, 3.0, 2.5, -2.0])
 
@@ -39,7 +39,7 @@ def refusal(read, path) -> str:
 def test_columns_are_read_with_any_of_the_separators(tmp_path, text):
     path = tmp_path / "a.csv"
     path.write_bytes(text.encode())
-    channels = csv_samples.read_channels(path)
+    channels = columns.read_channels(path)
     assert channels.names == ("force", "acc")
     np.testing.assert_array_equal(channels.channel("acc").samples, [2.0, 0.4])
     assert channels.channel("acc").unit is None
@@ -48,7 +48,7 @@ def test_columns_are_read_with_any_of_the_separators(tmp_path, text):
 def test_columns_without_header_are_numbered(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("0.0\t1\n1e-3\tnan\n")  # a NaN is for the quality gate to judge
-    channels = csv_samples.read_channels(path)
+    channels = columns.read_channels(path)
     assert channels.names == ("1", "2")
     np.testing.assert_array_equal(channels.channel("2").samples, [1.0, np.nan])
 
@@ -72,13 +72,13 @@ def test_columns_that_leave_doubt_are_refused(tmp_path, case):
     text, sentence = TEXT_REFUSED[case]
     path = tmp_path / "a.csv"
     path.write_text(text)
-    assert sentence in refusal(csv_samples.read_channels, path)
+    assert sentence in refusal(columns.read_channels, path)
 
 
 def test_binary_content_is_no_text(tmp_path):
     path = tmp_path / "a.csv"
     path.write_bytes(b"\x80\x81\x82")
-    assert "expected UTF-8 text; byte 0 is 0x80" in refusal(csv_samples.read_channels, path)
+    assert "expected UTF-8 text; byte 0 is 0x80" in refusal(columns.read_channels, path)
 
 
 # ---- NPZ -----------------------------------------------------------------------------------------------------------

@@ -18,7 +18,8 @@ import pytest
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text.layout import TextLayout
+from monitor_core.recordings.raw.text.proposal import propose
 from tests.recordings.test_damage import peak_mib
 from tests.recordings.text_files import logger_files, lvm, trace_files, twincat
 
@@ -100,7 +101,7 @@ def test_damaged_texts_are_read_or_refused_in_one_sentence(tmp_path, case):
 def _layouts(path: Path, rng: random.Random) -> TextLayout | None:
     """Return the layout that is proposed, or one that fits by chance."""
     try:
-        proposed = propose_layout(path)
+        proposed = proposal.layout if (proposal := propose(path)).reasons else None
     except RecordingFormatError as error:
         proposed = None
         if len(str(error).splitlines()) != 1:

@@ -7,8 +7,9 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import read_as_proposed
-from monitor_core.recordings.raw.text import csv_samples, siemens_trace
-from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text import columns
+from monitor_core.recordings.raw.text.layout import TextLayout
+from monitor_core.recordings.raw.text.proposal import propose
 from tests.recordings.text_files import LoggerFile, logger_files, table
 
 FILES = logger_files()
@@ -20,7 +21,7 @@ def layout_of(entries: dict[str, str | int]) -> TextLayout:
 
 def refusal(path, layout=None) -> str:
     with pytest.raises(RecordingFormatError) as caught:
-        csv_samples.read_channels(path, layout)
+        columns.read_channels(path, layout)
     message = str(caught.value)
     assert message.startswith(path.name)
     assert "\n" not in message
@@ -32,8 +33,8 @@ def test_a_logger_s_file_is_read_to_the_last_digit(tmp_path, case):
     file = FILES[case]
     path = tmp_path / "a.csv"
     path.write_bytes(file.content)
-    proposed = propose_layout(path)
-    assert (None if proposed is None else proposed.entries()) == file.layout
+    proposal = propose(path)
+    assert (proposal.layout.entries() if proposal.reasons else None) == file.layout
     layout = None if file.layout is None else layout_of(file.layout)
     require_truth(read_channels(path, layout), file)
 
@@ -59,7 +60,7 @@ def test_without_a_layout_it_is_refused_with_the_cause_and_the_next_step(tmp_pat
 def test_the_times_of_a_trace_are_the_clocks_of_its_signals(tmp_path):
     path = tmp_path / "trace.csv"
     path.write_bytes(FILES["trace: equal names of times"].content)
-    channels = siemens_trace.read_channels(path)
+    channels = columns.read_channels(path)
     assert channels.channel("Torque").clock == "Time 1"
     assert channels.channel("Current").clock == "Time 2"
     assert channels.channel("Current").samples.size == channels.channel("Time 2").samples.size == 30
@@ -68,9 +69,9 @@ def test_the_times_of_a_trace_are_the_clocks_of_its_signals(tmp_path):
 def test_columns_of_numbered_times_stay_plain_without_a_layout(tmp_path):
     path = tmp_path / "trace.csv"
     path.write_text("Time 1,F,Time 2,a\n0,1,0,2\n1,3,1,4\n")
-    plain = csv_samples.read_channels(path)
+    plain = columns.read_channels(path)
     assert [channel.clock for channel in plain.channels] == [None] * 4
-    stated = csv_samples.read_channels(path, TextLayout(separator="comma"))
+    stated = columns.read_channels(path, TextLayout(separator="comma"))
     assert [channel.clock for channel in stated.channels] == [None, "Time 1", None, "Time 2"]
 
 
@@ -144,10 +145,10 @@ def test_prose_and_pictures_are_no_columns(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("Measured on the 3rd of March, with 2 sensors.\nNothing else is known; see page 12.\n")
     with pytest.raises(RecordingFormatError, match="expected rows of numbers; found none"):
-        propose_layout(path)
+        propose(path)
     path.write_bytes(bytes(range(256)) * 9)
     with pytest.raises(RecordingFormatError, match="expected text; byte 0 is 0x00"):
-        propose_layout(path)
+        propose(path)
 
 
 def test_a_layout_is_for_texts_alone(tmp_path):
@@ -175,7 +176,7 @@ def test_a_byte_that_is_no_text_is_named_wherever_it_stands(tmp_path):
 def test_texts_that_stand_among_numbers_are_said_to_be_texts(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("t,F\n06:00:00,1\n06:00:01,2\n")
-    channels = csv_samples.read_channels(path, TextLayout(separator="comma"))
+    channels = columns.read_channels(path, TextLayout(separator="comma"))
     assert channels.text("t") == ("06:00:00", "06:00:01")
     with pytest.raises(RecordingFormatError, match="expected numbers in 't'; it holds texts such as '06:00:00'"):
         channels.channel("t")
@@ -202,7 +203,7 @@ def test_a_row_without_end_is_refused(tmp_path):
 def test_four_thousand_columns_are_read(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(table(*[[str(i), str(i + 0.5)] for i in range(4096)]))
-    channels = csv_samples.read_channels(path)
+    channels = columns.read_channels(path)
     assert len(channels.names) == 4096
     np.testing.assert_array_equal(channels.channel("4096").samples, [4095.0, 4095.5])
 
@@ -250,9 +251,9 @@ def test_a_blank_cell_is_nan_with_the_layout_that_is_proposed(tmp_path, place):
 def test_the_index_of_pandas_has_a_number_for_a_name(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(",t,F\n0,0.0,1.5\n1,0.1,2.5\n")
-    channels = csv_samples.read_channels(path)
+    channels = columns.read_channels(path)
     assert channels.names == ("1", "t", "F")
-    assert propose_layout(path) is None
+    assert not propose(path).reasons
     path.write_text(",5,6\n0,1,2\n")  # may be a row of numbers in which one is missing
     assert "expected a name for each column" in refusal(path)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.raw.text.times import times_of
+from monitor_core.recordings.raw.mapping.times import times_of
 
 CET = timezone(timedelta(hours=1))
 FORMATS = {

@@ -7,7 +7,7 @@ import pytest
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text.layout import propose_layout
+from monitor_core.recordings.raw.text.columns import read_as_proposed
 from tests.recordings.text_files import TWINCAT_START, lvm, twincat
 
 
@@ -49,7 +49,7 @@ def test_an_export_of_twincat_scope_is_read_to_the_last_digit(tmp_path, case):
     assert [channel.unit for channel in channels.channels] == ["ms", "Nm", None, "ms", "mm"]
     start = datetime(2022, 5, 2, 13, 56, 24, 376000, tzinfo=UTC)  # see TWINCAT_START
     assert {channel.started_at for channel in channels.channels} == {start}
-    assert propose_layout(path) is None
+    assert read_as_proposed(path)[1] is None
 
 
 def test_damaged_exports_of_twincat_scope_are_refused(tmp_path):
@@ -120,7 +120,7 @@ def test_a_measurement_is_recognised_by_its_first_row(tmp_path):
     path = tmp_path / "a.txt"
     path.write_bytes(lvm()[0])
     assert read_channels(path).names == ("Force", "Accélération")
-    assert propose_layout(path) is None
+    assert read_as_proposed(path)[1] is None
 
 
 def test_equal_segments_are_rows_of_an_array_and_others_are_numbered(tmp_path):

@@ -7,7 +7,7 @@ Read named values of a JSON document: objects, lists, numbers; what does not fit
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -78,6 +78,14 @@ class Fields:
             raise RecordingFormatError(f"{self._place(name)}: expected UTF-8 text; got {value[:40]!a}")
         return str(value)
 
+    def optional_text(self, name: str) -> str | None:
+        """Return a text that is not empty, or None where nothing is stated."""
+        return self.text(name) if name in self.values else None
+
+    def optional_word(self, name: str, words: Collection[str]) -> str | None:
+        """Return one of some words, or None where nothing is stated."""
+        return self.word(name, words) if name in self.values else None
+
     def number(self, name: str, unit: str) -> float:
         """Return a finite number; ``unit`` is said in the message."""
         expected = f"a number [{unit}]"
@@ -126,14 +134,17 @@ class Fields:
             return parse_instant(value.isoformat(), self._place(name))
         return parse_instant(self.text(name), self._place(name))
 
+    def word(self, name: str, words: Collection[str]) -> str:
+        """Return one of some words."""
+        text = self.text(name)
+        if text not in words:
+            listed = " or ".join(repr(str(word)) for word in words)
+            raise RecordingFormatError(f"{self._place(name)}: expected {listed}; got {text!r}")
+        return text
+
     def choice(self, name: str, kind: type[Choice]) -> Choice:
         """Return one of the words of an enumeration."""
-        text = self.text(name)
-        try:
-            return kind(text)
-        except ValueError:
-            words = " or ".join(repr(str(word)) for word in kind)
-            raise RecordingFormatError(f"{self._place(name)}: expected {words}; got {text!r}") from None
+        return kind(self.word(name, list(kind)))
 
     def optional_choice(self, name: str, kind: type[Choice]) -> Choice | None:
         """Return one of the words of an enumeration, or None where nothing is stated."""

@@ -2,7 +2,7 @@
 
 import codecs
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -73,6 +73,12 @@ def require_plausible_length(n_samples: int, where: str) -> None:
     """Refuse a length that no window has, before anything is allocated for it."""
     if n_samples > MAX_SAMPLES:
         raise RecordingFormatError(f"{where}: expected at most {MAX_SAMPLES} samples; the header promises {n_samples}")
+
+
+def listed(words: Sequence[str], conjunction: str = "or") -> str:
+    """Return words as a sentence lists them."""
+    *others, last = words
+    return f"{', '.join(others)} {conjunction} {last}" if others else last
 
 
 @contextmanager

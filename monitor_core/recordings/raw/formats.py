@@ -6,7 +6,7 @@ from pathlib import Path
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.binary import mat, mdf4, npz, parquet, tdms, uff58, wav, xlsx
 from monitor_core.recordings.raw.channels import Channels
-from monitor_core.recordings.raw.text import csv_samples, lvm
+from monitor_core.recordings.raw.text import columns, lvm
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.recognition import raw_ending
 
@@ -25,16 +25,16 @@ READERS: dict[str, Callable[..., Channels]] = {
     ".pq": parquet.read_channels,
     ".xlsx": xlsx.read_channels,
     ".xlsm": xlsx.read_channels,
-    ".csv": csv_samples.read_channels,
-    ".tsv": csv_samples.read_channels,
-    ".txt": csv_samples.read_channels,
+    ".csv": columns.read_channels,
+    ".tsv": columns.read_channels,
+    ".txt": columns.read_channels,
     ".lvm": lvm.read_channels,
 }
 #: Readers that take a layout, ``[text]`` of a channel map.
 READERS_WITH_LAYOUT: dict[str, Callable[[Path, TextLayout | None], Channels]] = {
-    ".csv": csv_samples.read_channels,
-    ".tsv": csv_samples.read_channels,
-    ".txt": csv_samples.read_channels,
+    ".csv": columns.read_channels,
+    ".tsv": columns.read_channels,
+    ".txt": columns.read_channels,
     ".xlsx": xlsx.read_channels,
     ".xlsm": xlsx.read_channels,
 }

@@ -21,8 +21,10 @@ from monitor_core.recordings.raw.channel_kind import (
     unit_in_name,
 )
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
-from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout, propose_layout_for_blanks
+from monitor_core.recordings.raw.formats import READERS, READERS_WITH_LAYOUT, read_channels
+from monitor_core.recordings.raw.text import columns
+from monitor_core.recordings.raw.text.layout import TextLayout
+from monitor_core.recordings.recognition import raw_ending
 
 #: How many values of a channel are shown.
 N_FIRST = 5
@@ -65,15 +67,6 @@ class ChannelSummary:
     doubts: tuple[str, ...] = ()  # that the numbers are of the quantity that name or unit says
 
 
-def inspect(path: Path, layout: TextLayout | None = None) -> tuple[ChannelSummary, ...]:
-    """Read the channels of a raw file and look at each; ``layout`` is how a text file is written, where not plain.
-
-    ``RecordingFormatError`` if the file cannot be read; ``MissingReaderError`` if that needs a library that is not
-    installed.
-    """
-    return summaries_of(read_channels(path, layout))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class AsProposed:
     """What a raw file holds, and how it seems to be written where that is not plain."""
@@ -83,21 +76,20 @@ class AsProposed:
 
 
 def read_as_proposed(path: Path, name: str) -> AsProposed:
-    """Read a raw file of a format, a text or a workbook in the layout that is proposed for it."""
-    layout = propose_layout(path) if name == "csv" else None
+    """Read a raw file of a format, a text or a workbook in the layout that is proposed for it.
+
+    ``RecordingFormatError`` if the file cannot be read; ``MissingReaderError`` if that needs a library that is not
+    installed.
+    """
+    if name == "csv" and raw_ending(path, READERS) in READERS_WITH_LAYOUT:
+        return AsProposed(*columns.read_as_proposed(path))
     try:
+        return AsProposed(read_channels(path), None)
+    except RecordingFormatError:
+        layout = xlsx_proposal.propose_layout(path) if name == "xlsx" else None
+        if layout is None:
+            raise
         return AsProposed(read_channels(path, layout), layout)
-    except RecordingFormatError as error:
-        if layout is None and (layout := _second_thought(path, name)) is not None:
-            return AsProposed(read_channels(path, layout), layout)
-        raise error from None
-
-
-def _second_thought(path: Path, name: str) -> TextLayout | None:
-    """Return the layout of a file that cannot be read as a plain one, and can so."""
-    if name == "csv":
-        return propose_layout_for_blanks(path)
-    return xlsx_proposal.propose_layout(path) if name == "xlsx" else None
 
 
 def summaries_of(channels: Channels) -> tuple[ChannelSummary, ...]:

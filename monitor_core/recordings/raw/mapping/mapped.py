@@ -19,7 +19,7 @@ from monitor_core.recordings.raw.mapping.clocks import (
     seconds_apart,
 )
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MappedChannel, TimeSource
-from monitor_core.recordings.raw.text.times import times_of
+from monitor_core.recordings.raw.mapping.times import times_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

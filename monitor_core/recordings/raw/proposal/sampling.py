@@ -13,6 +13,7 @@ from monitor_core.recordings.raw.channel_kind import MOST_STEPS, ChannelKind, na
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.inspection import step_of
 from monitor_core.recordings.raw.mapping.clocks import clock_of_times, printed_digit
+from monitor_core.recordings.raw.mapping.times import times_of
 from monitor_core.recordings.raw.proposal.entries import (
     MapEntry,
     MapTable,
@@ -24,7 +25,6 @@ from monitor_core.recordings.raw.proposal.entries import (
     plain,
 )
 from monitor_core.recordings.raw.proposal.parts import Part
-from monitor_core.recordings.raw.text.times import times_of
 
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(?P<zone>[Zz]|[+-]\d\d:?\d\d)?", re.ASCII)
 _CLOCK = re.compile(r"\d{1,2}:\d\d(?P<seconds>:\d\d)?((?P<sign>[.,])\d+)?(?P<half>\s?[AaPp][Mm])?", re.ASCII)

@@ -1,38 +1,22 @@
 """State how a text file of columns is written, where it is not plain: ``[text]`` of a channel map, never guessed."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
-from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.units import canonical_unit
 
-
-class _Separator(StrEnum):
-    TAB = "tab"
-    SEMICOLON = "semicolon"
-    COMMA = "comma"
-    BLANK = "blank"
-
-
-class _Decimal(StrEnum):
-    POINT = "point"
-    COMMA = "comma"
-
-
-class _Encoding(StrEnum):
-    UTF_8 = "utf-8"
-    LATIN_1 = "latin-1"
-    UTF_16 = "utf-16"
-
-
-ENTRIES = frozenset((
-    "separator", "decimal", "header_row", "unit_row", "first_row", "comment", "encoding", "sheet",
-))  # fmt: skip
 #: Word of ``separator`` → the separator; ``None`` is any number of blanks.
 SEPARATORS: Mapping[str, str | None] = {"tab": "\t", "semicolon": ";", "comma": ",", "blank": None}
 SEPARATOR_NAMES: Mapping[str | None, str] = {sign: word for word, sign in SEPARATORS.items()}
+#: Word of ``decimal`` → the sign.
+DECIMALS = {"point": ".", "comma": ","}
+_ENCODINGS = ("utf-8", "latin-1", "utf-16")
+_TIME_WORDS = frozenset(("time", "zeit", "timestamp", "zeitstempel", "temps", "tempo"))
+_BRACKETS = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)")
+_WORD = re.compile(r"[^\W\d_]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,20 +38,18 @@ class TextLayout:
 
         ``RecordingFormatError`` for an entry that is not known or does not fit, and for rows in contradiction.
         """
-        fields.only(ENTRIES)
-        separator = fields.optional_choice("separator", _Separator)
+        fields.only(frozenset(cls.__slots__))
         layout = cls(
-            separator=None if separator is None else str(separator),
-            decimal=str(fields.optional_choice("decimal", _Decimal) or _Decimal.POINT),
+            separator=fields.optional_word("separator", SEPARATORS),
+            decimal=fields.optional_word("decimal", DECIMALS) or "point",
             header_row=_row(fields, "header_row", 0),
             unit_row=_row(fields, "unit_row", 1),
             first_row=_row(fields, "first_row", 1),
-            comment=fields.text("comment") if "comment" in fields else None,
-            encoding=str(fields.optional_choice("encoding", _Encoding) or _Encoding.UTF_8),
-            sheet=fields.text("sheet") if "sheet" in fields else None,
+            comment=fields.optional_text("comment"),
+            encoding=fields.optional_word("encoding", _ENCODINGS) or "utf-8",
+            sheet=fields.optional_text("sheet"),
         )
-        above = {"header_row": layout.header_row or 0, "unit_row": layout.unit_row or 0}
-        for name, row in above.items():
+        for name, row in (("header_row", layout.header_row or 0), ("unit_row", layout.unit_row or 0)):
             if layout.first_row is not None and row >= layout.first_row:
                 raise RecordingFormatError(
                     f"{fields.where}: expected {name} above first_row; got rows {row} and {layout.first_row}"
@@ -81,36 +63,9 @@ class TextLayout:
     def entries(self) -> dict[str, str | int]:
         """Return the entries of ``[text]`` that say this layout, without those that say what holds anyway."""
         after_heads = max(self.header_row or 0, self.unit_row or 0) + 1
-        stated: dict[str, str | int | None] = {
-            "separator": self.separator,
-            "decimal": None if self.decimal == "point" else self.decimal,
-            "header_row": self.header_row,
-            "unit_row": self.unit_row,
-            "first_row": None if self.first_row == after_heads else self.first_row,
-            "comment": self.comment,
-            "encoding": None if self.encoding == "utf-8" else self.encoding,
-            "sheet": self.sheet,
-        }
-        return {name: value for name, value in stated.items() if value is not None}
-
-
-def propose_layout(path: Path) -> TextLayout | None:
-    """Propose how a text file is written; ``None`` where the reader takes the file without a layout.
-
-    The first 256 KiB and the end of the file are looked at. It is a proposal, for a person to confirm in a channel map;
-    no reader applies it by itself. ``RecordingFormatError`` if no rows of numbers are found.
-    """
-    from monitor_core.recordings.raw.text.proposal import propose  # noqa: PLC0415  # it stands on this module
-
-    found = propose(path)
-    return None if found is None else found.layout
-
-
-def propose_layout_for_blanks(path: Path) -> TextLayout | None:
-    """Propose how a plain text file with blank cells is written; ``None`` if no layout reads it."""
-    from monitor_core.recordings.raw.text.proposal import propose_for_blanks  # noqa: PLC0415  # it stands on this module
-
-    return propose_for_blanks(path)
+        usual = {"decimal": "point", "first_row": after_heads, "encoding": "utf-8"}
+        stated = {name: getattr(self, name) for name in self.__slots__}
+        return {name: value for name, value in stated.items() if value is not None and value != usual.get(name)}
 
 
 def _row(fields: Fields, name: str, least: int) -> int | None:
@@ -120,3 +75,47 @@ def _row(fields: Fields, name: str, least: int) -> int | None:
     if not value.is_integer() or value < least:
         raise RecordingFormatError(f"{fields.where}, {name}: expected a row counted from {least}; got {value:g}")
     return int(value)
+
+
+def time_columns(names: Sequence[str]) -> dict[int, int] | None:
+    """Return the column of times of each column of values, if columns come in pairs of time and value; else None.
+
+    So traces of drives are written, as those of SINUMERIK and SINAMICS: the columns of times have one name, or are
+    numbered. Signals that were sampled more slowly have fewer rows: their cells are blank.
+    """
+    if len(names) < 4 or len(names) % 2:
+        return None
+    of_times = [_is_time(name) for name in names]
+    if not all(of_times[0::2]) or any(of_times[1::2]):
+        return None
+    return {column: column - 1 for column in range(1, len(names), 2)}
+
+
+def _is_time(name: str) -> bool:
+    words = _WORD.findall(_BRACKETS.sub(" ", name))
+    return bool(words) and any(word == "t" or word.lower() in _TIME_WORDS for word in (words[0], words[-1]))
+
+
+def has_equal_names(names: Sequence[str]) -> bool:
+    """Tell whether the columns of times share a name, as no other file of columns has them."""
+    return len(set(names[0::2])) < len(names[0::2])
+
+
+def distinct_names(names: Sequence[str]) -> list[str]:
+    """Return the names, with numbers where columns of times share one: "Time 1", "Time 2", …."""
+    if not has_equal_names(names):
+        return list(names)
+    numbered = [_BRACKETS.sub("", name).strip() or name for name in names]
+    return [f"{numbered[i]} {i // 2 + 1}" if i % 2 == 0 else name for i, name in enumerate(names)]
+
+
+def units_in_names(names: Sequence[str]) -> dict[int, str]:
+    """Return the units in brackets behind names, such as "Time [ms]", where they are known here."""
+    brackets = {i: match for i, name in enumerate(names) if (match := _BRACKETS.search(name)) is not None}
+    units = {i: (match[1] or match[2] or "").strip() for i, match in brackets.items()}
+    return {i: unit for i, unit in units.items() if canonical_unit(unit) is not None}
+
+
+def is_bracketed(cell: str) -> bool:
+    """Tell whether a cell stands in brackets, as units do."""
+    return len(cell) > 2 and _BRACKETS.fullmatch(cell) is not None

@@ -12,8 +12,18 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text.rows import Rows, shown, shown_list
-from monitor_core.recordings.raw.text.table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
+from monitor_core.recordings.raw.text.table import (
+    MAX_COLUMNS,
+    Rows,
+    Table,
+    TableForm,
+    is_number,
+    read_table,
+    require_columns,
+    require_utf8,
+    shown,
+    shown_list,
+)
 
 _SIGNATURE = b"LabVIEW Measurement"
 _END = "***End_of_Header***"
@@ -59,7 +69,7 @@ def read_channels(path: Path) -> Channels:
     while _skip_blank(rows):
         if len(segments) == _MOST_SEGMENTS:
             raise RecordingFormatError(f"{path.name}: expected at most {_MOST_SEGMENTS} segments; got more")
-        segments.append(_segment(rows, header, path.stat().st_size))
+        segments.append(_segment(rows, header))
     if not segments:
         raise RecordingFormatError(f"{path.name}: expected a segment of samples behind the header; the file ends there")
     return Channels(path.name, _joined(segments))
@@ -68,8 +78,7 @@ def read_channels(path: Path) -> Channels:
 def _encoding(path: Path) -> str:
     """Return UTF-8 if the file is that, else Latin-1: the program writes in the code page of its machine."""
     try:
-        for _ in Rows(path).blocks():
-            pass
+        require_utf8(path)
     except RecordingFormatError:
         return "latin-1"
     return "utf-8"
@@ -118,7 +127,7 @@ def _skip_blank(rows: Rows) -> bool:
     return False
 
 
-def _segment(rows: Rows, header: _FileHeader, n_bytes: int) -> tuple[Channel, ...]:
+def _segment(rows: Rows, header: _FileHeader) -> tuple[Channel, ...]:
     where = f"{rows.file_name}, row {rows.row}"
     found: dict[str, list[str]] = {}
     for line in _header_rows(rows):
@@ -128,8 +137,8 @@ def _segment(rows: Rows, header: _FileHeader, n_bytes: int) -> tuple[Channel, ..
     segment = _segment_header(found, rows, header, where)
     # where x stands in no column, the first cell of each row is blank, and is left out
     names = segment.names[1:] if header.columns_of_x == "No" else segment.names
-    form = TableForm(names, header.separator, header.decimal, blanks=True, ends_at_blank=True)
-    table = read_table(_table_rows(rows, header, segment), form, n_bytes, f"{rows.file_name}, row")
+    form = TableForm(names, header.separator, header.decimal, blanks=True)
+    table = read_table(_table_rows(rows, header, segment), form, f"{rows.file_name}, row")
     return tuple(_channels(segment, table, where))
 
 
@@ -194,15 +203,9 @@ def _table_rows(rows: Rows, header: _FileHeader, segment: _SegmentHeader) -> Ite
     """Take the rows of a segment without their comments; a blank row ends it, and is left for the next."""
     separator, has_blank = header.separator, header.columns_of_x == "No"
     n_separators = segment.n_columns - 1 - int(has_blank)
-    while lines := rows.at_hand():
-        n_taken = next((i for i, line in enumerate(lines) if not line or line.isspace()), len(lines))
-        first_row = rows.row
-        rows.skip(n_taken)
-        if n_taken:
-            taken = [line.removeprefix(separator) for line in lines[:n_taken]] if has_blank else lines[:n_taken]
-            yield first_row, [_without_comment(line, separator, n_separators) for line in taken]
-        if n_taken < len(lines):
-            return
+    for first_row, lines in rows.blocks(until_blank=True):
+        samples = [line.removeprefix(separator) for line in lines] if has_blank else lines
+        yield first_row, [_without_comment(line, separator, n_separators) for line in samples]
 
 
 def _without_comment(line: str, separator: str, n_separators: int) -> str:

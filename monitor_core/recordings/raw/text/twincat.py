@@ -13,8 +13,15 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text.rows import Rows, shown, shown_list
-from monitor_core.recordings.raw.text.table import Table, TableForm, read_table, require_columns
+from monitor_core.recordings.raw.text.table import (
+    Rows,
+    Table,
+    TableForm,
+    read_table,
+    require_columns,
+    shown,
+    shown_list,
+)
 
 _SEPARATORS = ("\t", ";", ",", ":")
 _MOST_HEADER_ROWS = 200
@@ -62,10 +69,9 @@ def read_channels(path: Path) -> Channels:
     in_full = all(_is_stamp(cells[i]) for i in times if i < len(cells)) and bool(times) and bool(cells[0].strip())
     form = TableForm(
         header.names, header.separator, "." if header.separator == "," else "",
-        texts=frozenset(times) if in_full else frozenset(), blanks=True, comment="EOF",
+        texts=frozenset(times) if in_full else frozenset(), blanks=True, trailing=True, comment="EOF",
     )  # fmt: skip
-    blocks = _without_last_separator(rows, header)
-    table = read_table(blocks, form, path.stat().st_size, f"{path.name}, row")
+    table = read_table(rows.blocks(), form, f"{path.name}, row")
     if table.n_rows == 0:
         raise RecordingFormatError(
             f"{path.name}, row {rows.row}: expected samples below the header; the file ends there"
@@ -150,21 +156,6 @@ def _checked(rows: Rows, separator: str, about: dict[str, str], found: dict[str,
         start = _EPOCH + timedelta(microseconds=int(ticks) // _TICKS_PER_MICROSECOND)
     return _Header(separator, tuple(names), clocks, {i: unit for i, unit in units.items() if unit}, start,
                    None if ticks is None else int(ticks))  # fmt: skip
-
-
-def _without_last_separator(rows: Rows, header: _Header) -> Iterator[tuple[int, list[str]]]:
-    """Take the samples; a separator behind the last cell of a row is cut off."""
-    n_separators = len(header.names) - 1
-    for first_row, lines in rows.blocks():
-        yield (
-            first_row,
-            [
-                line[:-1]
-                if line.count(header.separator) == n_separators + 1 and line.endswith(header.separator)
-                else line
-                for line in lines
-            ],
-        )
 
 
 def _channels(file_name: str, header: _Header, table: Table, *, in_full: bool) -> Iterator[Channel]:

@@ -1,0 +1,273 @@
+"""Read text files of columns: ``*.csv``, ``*.txt``, ``*.tsv``; how one is written is said, never guessed.
+
+Without a layout the text is plain. The separator is the first of tab, semicolon and comma that the first line contains
+(blanks, if none). A first line of numbers alone means a file without a header: the columns are then named "1", "2", ….
+Decimals carry a point: a decimal comma is refused, never guessed. The text is UTF-8, with or without byte order mark,
+with any line end. What is not plain is said by a layout, ``[text]`` of a channel map; the refusal says what is not.
+Exports of programs that name themselves in their first lines (LVM, TwinCAT) need no layout.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from monitor_core.arrays import BoolArray
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.files import listed, require_file
+from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.text import lvm, twincat
+from monitor_core.recordings.raw.text.layout import (
+    DECIMALS,
+    SEPARATORS,
+    TextLayout,
+    distinct_names,
+    has_equal_names,
+    is_bracketed,
+    time_columns,
+    units_in_names,
+)
+from monitor_core.recordings.raw.text.proposal import TextProposal, plain_separator, propose
+from monitor_core.recordings.raw.text.table import (
+    MAX_COLUMNS,
+    Rows,
+    Table,
+    TableForm,
+    has_thousands,
+    is_number,
+    read_table,
+    require_columns,
+    shown,
+    shown_list,
+    split_cells,
+)
+
+#: Rows that show which columns hold numbers.
+_ROWS_OF_SAMPLE = 20
+_HEAD = 4096
+_ENCODINGS = {"utf-16": "the encoding UTF-16", "latin-1": "Latin-1"}
+
+
+def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
+    """Read columns of numbers, and with a layout columns of texts (dates and times).
+
+    The file states no time base (a column of times is a channel), but where each channel has its own column of times;
+    units only in the row that the layout names. Every row has as many cells as there are names; with a layout, a blank
+    cell among numbers is NaN. A column without a name is called by its number, as those of a file without a header.
+    ``RecordingFormatError`` if a cell is no number, if rows are of unequal length, or if two columns have one name.
+    """
+    if layout is not None:
+        return _read_with_layout(path, layout)
+    if (channels := _export_of_program(path)) is not None:
+        return channels
+    try:
+        return _read_plain(path)
+    except RecordingFormatError as error:
+        plain = str(error)
+    try:
+        proposal = propose(path)
+    except RecordingFormatError:
+        raise RecordingFormatError(plain) from None
+    raise RecordingFormatError(_refusal(path, plain, proposal))
+
+
+def read_as_proposed(path: Path) -> tuple[Channels, TextLayout | None]:
+    """Read a text in the layout that is proposed for it, for a person to confirm; None where it is plain.
+
+    A text that is plain but for blank cells is read in its layout, too: they are NaN. Raises as :func:`read_channels`,
+    and if no rows of numbers are found.
+    """
+    if (channels := _export_of_program(path)) is not None:
+        return channels, None
+    proposal = propose(path)
+    if proposal.reasons:
+        return _read_with_layout(path, proposal.layout), proposal.layout
+    try:
+        return _read_plain(path), None
+    except RecordingFormatError as error:
+        plain = error
+    try:
+        return _read_with_layout(path, proposal.layout), proposal.layout
+    except RecordingFormatError:
+        raise plain from None
+
+
+def _export_of_program(path: Path) -> Channels | None:
+    with require_file(path).open("rb") as stream:
+        head = stream.read(_HEAD)
+    if lvm.is_lvm(head):
+        return lvm.read_channels(path)
+    return twincat.read_channels(path) if twincat.is_twincat(head) else None
+
+
+def _refusal(path: Path, plain: str, proposal: TextProposal) -> str:
+    """Return why a file is refused and the step that goes on; ``plain``: what the reader without a layout says.
+
+    The command that writes a map is named only where the layout that it proposes reads the file: else the refusal is
+    that of the layout, which says what is to be done in the file.
+    """
+    layout, reasons = proposal.layout, proposal.reasons
+    try:
+        _read_with_layout(path, layout)
+    except RecordingFormatError as error:
+        if layout.encoding != "utf-8":
+            return f"{plain}; in {_ENCODINGS[layout.encoding]}: {error}"
+        return str(error) if reasons else plain
+    what = listed(reasons or ("cells without a number",), "and")
+    command = f"`preload check {path.name} --write-map MAP`"
+    return f"{plain}; the file has {what}: {command} writes a channel map with a table [text] that says so"
+
+
+def _read_plain(path: Path) -> Channels:
+    rows = Rows(path)
+    line = next(iter(rows.ahead(1)), None)
+    if line is None or not line.strip():
+        if not any(line.strip() for _, lines in rows.blocks() for line in lines):
+            raise RecordingFormatError(f"{path.name}: expected columns of numbers; the file is blank")
+        raise RecordingFormatError(f"{path.name}, row 1: expected names or numbers; got a blank row")
+    separator = plain_separator(line)
+    require_columns(line, separator, f"{path.name}, row 1")
+    cells = split_cells(line, separator)
+    has_header = not all(is_number(cell) for cell in cells)
+    names = cells if has_header else [""] * len(cells)
+    if not has_header or any(cell and not is_number(cell) for cell in cells):  # the index of pandas has no name
+        names = _numbered(names)
+    if has_header:
+        rows.take()
+    pairs = time_columns(names) if has_header and has_equal_names(names) else None
+    units = {} if pairs is None else units_in_names(names)
+    names = names if pairs is None else distinct_names(names)
+    _require_distinct(names, path.name)
+    if not any(line.strip() for line in rows.ahead(1)):
+        raise RecordingFormatError(f"{path.name}, row {rows.row}: expected numbers under the header; got none")
+    form = TableForm(tuple(names), separator, blanks=pairs is not None)
+    return _channels(path.name, form, read_table(rows.blocks(), form, f"{path.name}, row"), pairs, units)
+
+
+def _read_with_layout(path: Path, layout: TextLayout) -> Channels:
+    if layout.sheet is not None:
+        raise RecordingFormatError(f"{path.name}: expected no sheet in [text] of a text file; got {layout.sheet!r}")
+    rows, decimal = Rows(path, layout.encoding), DECIMALS[layout.decimal]
+    header, unit_line = _heads(rows, layout)
+    sample = _sample(rows, layout)
+    if not sample:
+        raise RecordingFormatError(f"{path.name}, row {rows.row}: expected rows of numbers; the file ends there")
+    separator = _separator(layout, sample[0] if header is None else header)
+    for line in (sample[0] if header is None else header, sample[0]):
+        require_columns(line, separator, f"{path.name}, row {rows.row}")
+    cells = [split_cells(line, separator) for line in sample if line.count(separator or " ") < MAX_COLUMNS]
+    names = _names(header, separator, cells)
+    texts = frozenset(i for i in range(len(names)) if not any(_may_be_number(row, i, decimal) for row in cells))
+    pairs = None if texts else time_columns(names)
+    units = _units(unit_line, separator, len(names), f"{path.name}, row {layout.unit_row}")
+    if pairs is not None:
+        units = units_in_names(names) | units
+        names = distinct_names(names)
+    try:
+        _require_distinct(names, path.name)
+    except RecordingFormatError as error:
+        raise RecordingFormatError(f"{error}; header_row = 0 in [text] calls the columns '1', '2', …") from None
+    trailing = all(len(row) == len(names) + 1 and not row[-1] for row in cells)
+    form = TableForm(tuple(names), separator, decimal, texts, quotes=True, blanks=pairs is not None,
+                     gaps=pairs is None, trailing=trailing, comment=layout.comment)  # fmt: skip
+    return _channels(path.name, form, read_table(rows.blocks(), form, f"{path.name}, row"), pairs, units)
+
+
+def _separator(layout: TextLayout, line: str) -> str | None:
+    return plain_separator(line) if layout.separator is None else SEPARATORS[layout.separator]
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Return the names; a column without one is called by its number."""
+    return [name or str(number) for number, name in enumerate(names, start=1)]
+
+
+def _require_distinct(names: Sequence[str], where: str) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if not name:
+            raise RecordingFormatError(f"{where}: expected a name for each column; got {shown_list(names)}")
+        if name in seen:
+            raise RecordingFormatError(f"{where}: expected columns of different names; got {shown(name)} twice")
+        seen.add(name)
+
+
+def _heads(rows: Rows, layout: TextLayout) -> tuple[str | None, str | None]:
+    """Return the row of names and the row of units, and go on to the first row of numbers."""
+    header_row, unit_row = layout.header_row, layout.unit_row or 0
+    if header_row is None:
+        line = next(iter(rows.ahead(1)), "")
+        cells = split_cells(line, _separator(layout, line))[:MAX_COLUMNS]
+        header_row = 0 if all(is_number(cell, DECIMALS[layout.decimal]) for cell in cells) else 1
+    first_row = layout.first_row or max(header_row, unit_row) + 1
+    heads: dict[int, str] = {}
+    while rows.row < first_row:
+        row, line_or_end = rows.row, rows.take()
+        if line_or_end is None:
+            raise RecordingFormatError(
+                f"{rows.file_name}: expected numbers from row {first_row} on as the layout says; the file has "
+                f"{row - 1} rows"
+            )
+        if row in (header_row, unit_row):
+            heads[row] = line_or_end.removeprefix(layout.comment or "").strip(" ")
+    for name, row in (("header_row", header_row), ("unit_row", unit_row)):
+        if row and not heads.get(row, "").strip():
+            got = "a blank row" if row in heads else f"numbers from row {first_row} on"
+            raise RecordingFormatError(f"{rows.file_name}: expected {name} {row} above the numbers; got {got}")
+    return heads.get(header_row), heads.get(unit_row)
+
+
+def _sample(rows: Rows, layout: TextLayout) -> list[str]:
+    lines = rows.ahead(_ROWS_OF_SAMPLE)
+    return [line for line in lines if line.strip() and not (layout.comment and line.startswith(layout.comment))]
+
+
+def _names(header: str | None, separator: str | None, cells: Sequence[Sequence[str]]) -> list[str]:
+    """Return the names of the columns; all are called by their numbers where there is no header."""
+    if header is None:
+        n_cells = max((len(row) for row in cells), default=0)
+        ends_blank = n_cells > 1 and all(len(row) == n_cells and not row[-1] for row in cells)
+        return _numbered([""] * (n_cells - 1 if ends_blank else n_cells))
+    names = split_cells(header, separator)
+    while len(names) > 1 and not names[-1] and all(len(row) < len(names) or not row[len(names) - 1] for row in cells):
+        names.pop()
+    return _numbered(names)
+
+
+def _units(line: str | None, separator: str | None, n_columns: int, where: str) -> dict[int, str]:
+    cells = [] if line is None else split_cells(line, separator)
+    if any(cells[n_columns:]):
+        raise RecordingFormatError(f"{where}: expected at most {n_columns} units; got {len(cells)}")
+    plain = {i: cell[1:-1].strip() if is_bracketed(cell) else cell for i, cell in enumerate(cells)}
+    return {i: unit for i, unit in plain.items() if unit not in ("", "-")}
+
+
+def _may_be_number(cells: Sequence[str], i: int, decimal: str) -> bool:
+    """Tell whether a cell is no text; one with signs between thousands is refused as a number."""
+    return len(cells) > i and (is_number(cells[i], decimal) or has_thousands(cells[i]))
+
+
+def _channels(
+    file_name: str, form: TableForm, table: Table, pairs: Mapping[int, int] | None, units: Mapping[int, str]
+) -> Channels:
+    """Return the channels of a table; where each has its own times, rows without time and value hold no sample of it.
+
+    ``RecordingFormatError`` if a value has no time, or a time no value.
+    """
+    names, channels = form.names, []
+    for i, samples in table.numbers.items():
+        if pairs is None:
+            channels.append(Channel(names[i], samples, units.get(i)))
+            continue
+        blank, clock = table.blank.get(i), pairs.get(i)
+        if clock is not None and not _equal(blank, table.blank.get(clock)):
+            raise RecordingFormatError(
+                f"{file_name}, {shown(names[i])}: expected a time for each value; got rows with one of them alone"
+            )
+        held = samples if blank is None else samples[~blank]
+        if not held.size:
+            raise RecordingFormatError(f"{file_name}, {shown(names[i])}: expected numbers; the column is blank")
+        channels.append(Channel(names[i], held, units.get(i), clock=None if clock is None else names[clock]))
+    return Channels(file_name, tuple(channels), texts={names[i]: texts for i, texts in table.texts.items()})
+
+
+def _equal(blank: BoolArray | None, other: BoolArray | None) -> bool:
+    return other is None if blank is None else other is not None and bool((blank == other).all())
