@@ -22,9 +22,17 @@ from monitor_core.recordings.calibration_file import (
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.session import calibrate_judged, excitation_remarks, judge_session
 from monitor_core.uncertainty import Estimate
-from service.cli.inputs.formats import calibration_at
-from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, map_option, opened_session
-from service.cli.inputs.session import axis_settings, band_option
+from service.cli.inputs.data import (
+    Data,
+    DataKind,
+    axis_settings,
+    band_option,
+    calibration_at,
+    data_argument,
+    data_of,
+    map_option,
+    opened_session,
+)
 from service.cli.output import json_option, print_json, print_line, print_table
 from service.cli.targets import require_target
 

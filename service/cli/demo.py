@@ -14,7 +14,7 @@ from service.api.alarms import AlarmOut, AlarmsOut
 from service.api.axes import AxisOut
 from service.api.jobs import JobsOut
 from service.api.trend import TrendOut, TrendPointOut
-from service.cli.inputs.session import counted_session
+from service.cli.inputs.data import counted_session
 from service.cli.output import json_option, print_json, print_line, print_table
 from service.cli.remote.client import Client
 from service.cli.remote.server import embedded_service

@@ -15,9 +15,16 @@ from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.session import SessionMeasurement, excitation_remarks, judge_session, with_session_doubts
-from service.cli.inputs.formats import calibration_at
-from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, map_option, opened_session
-from service.cli.inputs.session import axis_settings
+from service.cli.inputs.data import (
+    Data,
+    DataKind,
+    axis_settings,
+    calibration_at,
+    data_argument,
+    data_of,
+    map_option,
+    opened_session,
+)
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import estimate_document, refusal_document
 from service.json_types import JsonObject

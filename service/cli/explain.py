@@ -20,20 +20,26 @@ from monitor_core.recordings.effect_file import effect_file_text, read_effect_fi
 from monitor_core.recordings.elements.units import metres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import model_file_text, read_model_file
-from service.cli.inputs.formats import model_at
-from service.cli.inputs.model import NumbersCommand
-from service.cli.inputs.raw import (
+from service.cli.inputs.data import (
     Data,
     DataKind,
+    axis_settings,
+    band_option,
     data_argument,
     data_of,
     frf_set_of,
     map_option,
     motion_of,
 )
-from service.cli.inputs.responses import accelerometer_option, require_session, responses_of_data
-from service.cli.inputs.session import axis_settings, band_option
-from service.cli.inputs.tolerances import tolerance_options, tolerances_of
+from service.cli.inputs.model import (
+    NumbersCommand,
+    accelerometer_option,
+    model_at,
+    require_session,
+    responses_of_data,
+    tolerance_options,
+    tolerances_of,
+)
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target, require_target_folder
 from service.documents.explanation import explanation_document

@@ -18,8 +18,17 @@ from monitor_core.session import (
     judge_session,
     modes_of_session,
 )
-from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, frf_set_of, map_option, opened_session
-from service.cli.inputs.session import axis_settings, band_option
+from service.cli.inputs.data import (
+    Data,
+    DataKind,
+    axis_settings,
+    band_option,
+    data_argument,
+    data_of,
+    frf_set_of,
+    map_option,
+    opened_session,
+)
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import modal_document, refusal_document
 from service.json_types import JsonObject

@@ -23,11 +23,24 @@ from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.uncertainty import Estimate
-from service.cli.inputs.formats import model_at
-from service.cli.inputs.model import NumbersCommand, effects_option
-from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, frf_set_of, map_option
-from service.cli.inputs.responses import accelerometer_option, require_session, responses_of_data
-from service.cli.inputs.session import axis_settings, band_option
+from service.cli.inputs.data import (
+    Data,
+    DataKind,
+    axis_settings,
+    band_option,
+    data_argument,
+    data_of,
+    frf_set_of,
+    map_option,
+)
+from service.cli.inputs.model import (
+    NumbersCommand,
+    accelerometer_option,
+    effects_option,
+    model_at,
+    require_session,
+    responses_of_data,
+)
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target
 from service.documents.identification import OBJECTIVES, held_out_kind, identification_document

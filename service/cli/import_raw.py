@@ -9,8 +9,7 @@ from monitor_core.recordings.motion_csv import write_motion_record
 from monitor_core.recordings.raw.mapping.imported import ImportedMotion, ImportedSession
 from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet
 from monitor_core.recordings.session_hdf5 import write_session
-from service.cli.inputs.raw import DataKind, Imported, data_of, import_of, say
-from service.cli.inputs.session import SESSION_SUFFIXES
+from service.cli.inputs.data import SESSION_SUFFIXES, DataKind, Imported, data_of, import_of, say
 from service.cli.output import json_option, print_json, print_line
 from service.cli.targets import require_target
 from service.json_types import JsonObject

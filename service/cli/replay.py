@@ -8,7 +8,7 @@ import click
 
 from monitor_core.recording import RejectionReason
 from monitor_core.session import RecordedMeasurements
-from service.cli.inputs.raw import DataKind, data_argument, data_of, map_option, opened_session
+from service.cli.inputs.data import DataKind, data_argument, data_of, map_option, opened_session
 from service.cli.output import json_option, print_json, print_line
 from service.cli.remote.client import Client, MeasurementOutcome
 from service.operations.monitoring.replay import Pace, WindowCounts

@@ -9,9 +9,8 @@ import pytest
 
 from monitor_core.measured_responses import SessionResponses
 from monitor_core.recordings.session_hdf5 import read_session, write_session
-from service.cli.inputs.raw import Data, DataKind
-from service.cli.inputs.responses import responses_of_data
-from service.cli.inputs.session import axis_settings
+from service.cli.inputs.data import Data, DataKind, axis_settings
+from service.cli.inputs.model import responses_of_data
 from tests.conftest import PROJECT_ROOT
 
 

@@ -9,8 +9,8 @@ import pytest
 from monitor_core.discrepancy import Outcome, RecordFault, SettingTolerances, WrongRecord
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.stated_tolerances import read_tolerances
-from service.cli.inputs.raw import Data, DataKind
-from service.cli.inputs.tolerances import tolerances_of
+from service.cli.inputs.data import Data, DataKind
+from service.cli.inputs.model import tolerances_of
 from service.documents.explanation import explanation_document
 from service.report.verdict import asides
 from tests.service.test_explanation_report import EXAMPLES, MODEL

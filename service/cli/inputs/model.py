@@ -1,16 +1,54 @@
-"""Read a drive model from a file, and options that take several numbers, for ``modes`` and ``simulate``."""
+"""Read a drive model, and what the commands share that work with one: their options, responses, tolerances."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
 from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.models import DriveModel
+from monitor_core.pipeline import AxisSettings
 from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.model_file import read_model_file
-from service.cli.inputs.formats import model_at
+from monitor_core.recordings.recognition import MODEL, require_format
+from monitor_core.recordings.stated_tolerances import read_tolerances
+
+# imported where they are needed: modes and simulate take no data
+if TYPE_CHECKING:
+    from monitor_core.discrepancy import SettingTolerances
+    from monitor_core.measured_responses import SessionResponses
+    from service.cli.inputs.data import Data
+
+_Command = TypeVar("_Command", bound=Callable[..., None])
+
+#: By name in files: of :class:`SettingTolerances` the field, and its unit over that of the file.
+_FIELDS = {
+    "position_tolerance_mm": ("position", 1e-3),
+    "preload_tolerance": ("preload_share", 1.0),
+    "gain_tolerance": ("gain_share", 1.0),
+    "payload_tolerance_kg": ("payload", 1.0),
+    "temperature_tolerance_k": ("temperature", 1.0),
+}
+_HELP = {
+    "position_tolerance_mm": "positions are known [mm]; usually 0.3",
+    "preload_tolerance": "preloads are known, of their value; usually 0.03",
+    "gain_tolerance": "the gain of a response is known, of its value; usually 0.005",
+    "payload_tolerance_kg": "payloads are known [kg]; usually exactly",
+    "temperature_tolerance_k": "temperatures are known [K]; usually exactly",
+}
+
+effects_option = click.option(
+    "--effects", "effects_path", type=click.Path(path_type=Path), metavar="FILE",
+    help="Python file that defines EFFECTS, of your own, which the model may state besides those of the product. It is "
+    "run.",
+)  # fmt: skip
+accelerometer_option = click.option(
+    "--accelerometer",
+    type=click.Choice(["table", "nut"]),
+    help="Where that of a session sat; without it where the model explains the session better.",
+)
 
 
 class NumbersCommand(click.Command):
@@ -25,20 +63,6 @@ class NumbersCommand(click.Command):
             for name in option.opts
         }
         return super().parse_args(ctx, list(_repeated(args, repeatable)))
-
-
-effects_option = click.option(
-    "--effects", "effects_path", type=click.Path(path_type=Path), metavar="FILE",
-    help="Python file that defines EFFECTS, of your own, which the model may state besides those of the product. It is "
-    "run.",
-)  # fmt: skip
-
-
-def built_model(path: Path, effects_path: Path | None = None) -> DriveModel:
-    """Read a model file and build the model; what keeps it from being built is a fault of the file."""
-    own = () if effects_path is None else read_effect_file(effects_path)
-    with naming(path.name):
-        return read_model_file(model_at(path)).build((*DRIVE_EFFECTS, *own))
 
 
 def _repeated(args: list[str], repeatable: set[str]) -> Iterator[str]:
@@ -63,3 +87,59 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def model_at(path: Path) -> Path:
+    """Return the path of a drive model; any other file is refused."""
+    require_format(path, MODEL)
+    return path
+
+
+def built_model(path: Path, effects_path: Path | None = None) -> DriveModel:
+    """Read a model file and build the model; what keeps it from being built is a fault of the file."""
+    own = () if effects_path is None else read_effect_file(effects_path)
+    with naming(path.name):
+        return read_model_file(model_at(path)).build((*DRIVE_EFFECTS, *own))
+
+
+def require_session(accelerometer: str | None, *, of_session: bool) -> None:
+    """Refuse a stated place of an accelerometer for data that say it themselves."""
+    if accelerometer is not None and not of_session:
+        raise click.UsageError(
+            "--accelerometer goes with a session; a set of frequency responses says it itself, peaks are of the table"
+        )
+
+
+def responses_of_data(data: "Data", settings: AxisSettings) -> "SessionResponses":
+    """Return the averaged responses of a session, with progress; raises as :func:`responses_of_session`."""
+    from monitor_core.measured_responses import responses_of_session  # noqa: PLC0415
+    from service.cli.inputs.data import opened_session  # noqa: PLC0415
+
+    with opened_session(data) as session:
+        return responses_of_session(session, settings)
+
+
+def tolerance_options(command: _Command) -> _Command:
+    """Add an option for each tolerance; their values come by the names that they have in files."""
+    for name, words in reversed(_HELP.items()):
+        option = click.option(
+            f"--{name.replace('_', '-')}", name, type=click.FloatRange(min=0.0, min_open=True), metavar="X",
+            help=f"Standard deviation to which {words}. Goes before what the data state.",
+        )  # fmt: skip
+        command = option(command)
+    return command
+
+
+def tolerances_of(data: "Data", stated: Mapping[str, float | None]) -> "SettingTolerances":
+    """Return how well the settings of measurements are known: as stated here, or in the data, or as usual."""
+    from monitor_core.discrepancy import SettingTolerances  # noqa: PLC0415
+
+    given = {name: value for name, value in stated.items() if value is not None}
+    known = {name: value for name, value in {**_of_data(data), **given}.items() if value is not None}
+    return SettingTolerances(**{_FIELDS[name][0]: value * _FIELDS[name][1] for name, value in known.items()})
+
+
+def _of_data(data: "Data") -> Mapping[str, float | None]:
+    if data.channel_map is not None:
+        return data.channel_map.tolerances.attributes
+    return read_tolerances(data.file) if data.is_session or data.is_frf_set else {}

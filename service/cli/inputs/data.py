@@ -1,4 +1,8 @@
-"""Read what a command works on: a file of the product, or raw files with the channel map that says what they mean."""
+"""Read what a command works on: a file of the product, or raw files with the channel map that says what they mean.
+
+The options that say so stand here, too, and those of a session; a file of another kind than a command takes is refused
+with what it is and the next step, whatever its name.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,20 +13,34 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import click
 
-from monitor_core.recording import MotionRecord
+from monitor_core.pipeline import AxisSettings
+from monitor_core.recording import MotionRecord, Window
+from monitor_core.recordings.elements.files import listed
 from monitor_core.recordings.motion_csv import read_motion_record
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
 from monitor_core.recordings.raw.mapping.imported import ImportedMotion, ImportedSession, import_motion, import_session
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MapKind
-from monitor_core.recordings.recognition import CHANNEL_MAP, require_format
+from monitor_core.recordings.recognition import (
+    CALIBRATION,
+    CHANNEL_MAP,
+    FRF_SET,
+    KINDS,
+    MODAL_TABLE,
+    MOTION_RECORD,
+    SESSION,
+    require_format,
+)
+from monitor_core.recordings.session_hdf5 import open_session
 from monitor_core.session import RecordedMeasurements
-from service.cli.inputs.session import counted_session, watched_session
+from monitor_core.uncertainty import Estimate
 from service.cli.output import print_line, progress_bar
 
 # an FRF set brings the drive models along, and with them half the start of a command: imported where there is one
 if TYPE_CHECKING:
     from monitor_core.recordings.frf_set import FrequencyResponseSet
     from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet
+
+SESSION_SUFFIXES = (".h5", ".hdf5")
 
 
 class DataKind(StrEnum):
@@ -40,26 +58,42 @@ _OF_MAP = {
     MapKind.FRF_SET: DataKind.FRF_SET,
 }
 _OF_FORMAT = {
-    "preload-session": DataKind.SESSION,
-    "preload-frf-set": DataKind.FRF_SET,
-    "motion-record": DataKind.MOTION,
-    "modal-table": DataKind.MODAL_TABLE,
+    SESSION: DataKind.SESSION,
+    FRF_SET: DataKind.FRF_SET,
+    MOTION_RECORD: DataKind.MOTION,
+    MODAL_TABLE: DataKind.MODAL_TABLE,
 }
-_COLUMNS = {
-    DataKind.MODAL_TABLE: " (position_mm,frequency_hz)",
-    DataKind.MOTION: " (time_s,position_m,force_n or torque_nm)",
-}
-#: Formats that are no raw files although no command takes them as data.
-_NO_RAW_FILES = frozenset(("preload-calibration", "preload-model", "channel-map"))
+#: So many sentences are printed of each kind: forty files say the same forty times.
+_MOST_SAID = 5
 
 data_argument = click.argument("paths", metavar="DATA…", nargs=-1, required=True, type=click.Path(path_type=Path))
 map_option = click.option(
     "--map", "map_path", type=click.Path(path_type=Path), metavar="MAP",
     help="Channel map, TOML: says what the channels of raw files mean. With it DATA are one or several raw files.",
 )  # fmt: skip
+band_option = click.option(
+    "--band-hz",
+    nargs=2,
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="LOW HIGH",
+    help="Where the axial mode is looked for; without it nearly everywhere below 0.4 of the sampling rate.",
+)
 
 Imported: TypeAlias = "ImportedSession | ImportedMotion | ImportedFrfSet"
 Made = TypeVar("Made", ImportedSession, ImportedMotion, "ImportedFrfSet")
+
+
+def calibration_at(path: Path) -> Path:
+    """Return the path of a calibration; any other file is refused."""
+    require_format(path, CALIBRATION)
+    return path
+
+
+def axis_settings(band_hz: tuple[float, float] | None, moving_mass: Estimate | None = None) -> AxisSettings:
+    """Return the settings that the command's options state."""
+    if band_hz is not None and not band_hz[0] < band_hz[1]:
+        raise click.BadParameter(f"--band-hz takes LOW before HIGH; got {band_hz[0]:g} {band_hz[1]:g}")
+    return AxisSettings(search_band=band_hz, moving_mass=moving_mass)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +115,11 @@ class Data:
         return self.kind is DataKind.SESSION
 
     @property
+    def is_frf_set(self) -> bool:
+        """Whether it has frequency responses."""
+        return self.kind is DataKind.FRF_SET
+
+    @property
     def file(self) -> Path:
         """The one file of the product."""
         return self.paths[0]
@@ -98,7 +137,7 @@ def data_of(paths: Sequence[Path], map_path: Path | None, *, takes: Sequence[Dat
     channel_map = read_channel_map(map_path)
     kind = _OF_MAP[channel_map.kind]
     if kind not in takes:
-        raise click.UsageError(f"{map_path.name} makes a {kind} of raw files; expected {_listed(takes)}")
+        raise click.UsageError(f"{map_path.name} makes a {kind} of raw files; expected {_wanted(takes)}")
     return Data(tuple(paths), kind, channel_map)
 
 
@@ -107,15 +146,38 @@ def _kind_of_file(path: Path, takes: Sequence[DataKind]) -> DataKind:
     return _OF_FORMAT[require_format(path, *(name for name, kind in _OF_FORMAT.items() if kind in takes))]
 
 
+@dataclass(frozen=True, slots=True)
+class _WatchedSession:
+    """A session that counts the measurements taken from it."""
+
+    reader: RecordedMeasurements
+    count: Callable[[], None]
+
+    @property
+    def measurements(self) -> tuple[str, ...]:
+        return self.reader.measurements
+
+    def windows_of(self, measurement: str) -> tuple[Window, ...]:
+        self.count()
+        return self.reader.windows_of(measurement)
+
+
+@contextmanager
+def counted_session(session: RecordedMeasurements, name: str) -> Iterator[RecordedMeasurements]:
+    """Show how many measurements of a session were taken."""
+    with progress_bar() as progress:
+        task = progress.add_task(name, total=len(session.measurements))
+        yield _WatchedSession(session, lambda: progress.advance(task))
+
+
 @contextmanager
 def opened_session(data: Data) -> Iterator[RecordedMeasurements]:
-    """Open the session of the data and show how many of its measurements were taken."""
+    """Open the session of the data and show how many of its measurements were taken; memory stays flat."""
     if data.channel_map is None:
-        with watched_session(data.file) as session:
+        with open_session(data.file) as reader, counted_session(reader, data.name) as session:
             yield session
         return
-    imported = _imported_as(ImportedSession, data)
-    with counted_session(imported.session, data.name) as session:
+    with counted_session(_imported_as(ImportedSession, data).session, data.name) as session:
         yield session
 
 
@@ -161,10 +223,6 @@ def import_of(data: Data) -> Imported:
                 return import_frf_set(data.paths, data.channel_map, progress)
 
 
-#: So many sentences are printed of each kind: forty files say the same forty times.
-_MOST_SAID = 5
-
-
 def say(imported: Imported) -> None:
     """Print on standard error what was left out of raw files, and what is to be said of them; of many, the first."""
     left_out = [f"left out: {left.what}: {left.why}" for left in imported.left_out]
@@ -187,6 +245,6 @@ def _files_read(data: Data) -> Iterator[Callable[[str], None]]:
         yield begun
 
 
-def _listed(kinds: Sequence[DataKind]) -> str:
-    *first, last = (f"a {kind}{_COLUMNS.get(kind, '')}" for kind in kinds)
-    return f"{', '.join(first)} or {last}" if first else last
+def _wanted(kinds: Sequence[DataKind]) -> str:
+    columns = {kind: KINDS[name].columns for name, kind in _OF_FORMAT.items()}
+    return listed([f"a {kind}{f' ({columns[kind]})' if columns[kind] else ''}" for kind in kinds])
