@@ -10,7 +10,7 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
 from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.elements.units import Quantity, canonical_unit, factor_to_si, sensor_factor
-from monitor_core.recordings.raw.mapping import channel_map, map_entries
+from monitor_core.recordings.raw.mapping import channel_map
 
 START = datetime(2025, 3, 1, 6, tzinfo=UTC)
 MAP = """
@@ -276,7 +276,7 @@ def test_the_maps_on_the_page_are_maps(tmp_path, text):
 
 
 def test_the_map_in_the_docstring_names_every_entry():
-    for table, entries in map_entries._ENTRIES.items():
+    for table, entries in channel_map._ENTRIES.items():
         assert f"[{table}]" in channel_map.__doc__
         for entry in entries - {"payload_kg"}:
             assert entry in channel_map.__doc__

@@ -118,6 +118,10 @@ class Fields:
             raise RecordingFormatError(f"{self._place(name)}: expected a positive number; got {value} {unit}")
         return value
 
+    def optional_positive(self, name: str, unit: str) -> float | None:
+        """Return a number above zero, or None where nothing is stated."""
+        return self.positive(name, unit) if name in self.values else None
+
     def count(self, name: str) -> int:
         """Return a whole number above zero."""
         value = self.positive(name, "-")
@@ -162,12 +166,15 @@ class Fields:
         if (got := self.number("version", "-")) != version:
             raise RecordingFormatError(f"{self._place('version')}: expected {version}; got {got:g}")
 
-    def table(self, name: str) -> "Fields":
-        """Return the fields of a table inside this one."""
+    def table(self, name: str, known: AbstractSet[str] | None = None) -> "Fields":
+        """Return the fields of a table inside this one, with no entries but those that are ``known``."""
         value = self._required(name, f"a table [{name}]")
         if not isinstance(value, dict):
             raise RecordingFormatError(f"{self._place(name)}: expected a table [{name}]; got {_shown(value)}")
-        return Fields(value, f"{self.where} [{name}]")
+        table = Fields(value, f"{self.where} [{name}]")
+        if known is not None:
+            table.only(known)
+        return table
 
     def only(self, known: AbstractSet[str]) -> None:
         """Refuse a name that is not known: a slip of the pen would otherwise pass for *not stated*."""

@@ -5,7 +5,7 @@
     axis_id = "mill-3-x"
     description = "impact moves"               # optional
 
-    [text]                                     # how a text file is written, where it is not plain: see text_layout.py
+    [text]                                     # how a text file is written, where it is not plain: see text/layout.py
     separator = "semicolon"
 
     [excitation]
@@ -71,46 +71,77 @@ file itself holds; ``standard_deviation`` (in the unit of the response; or a cha
 What is stated in the file *and* here is refused, and so is an entry that is not listed above.
 """
 
+import math
+import re
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from datetime import UTC, timedelta, timezone
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import ExcitationQuantity, ExcitationSource
+from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
+from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import parse_toml, read_text
-from monitor_core.recordings.elements.units import Quantity
-from monitor_core.recordings.raw.mapping.frf_entries import response_lines
-from monitor_core.recordings.raw.mapping.map_entries import (
-    FILES,
-    cutting,
-    facts_required,
-    files_of,
-    mapped_channel,
-    resampling,
-    signal_in,
-    table_of,
-    time_source,
-    tolerances,
-    window_facts,
+from monitor_core.recordings.elements.units import (
+    Quantity,
+    excitation_unit,
+    factor_to_si,
+    metres,
+    response_factor,
+    sensor_factor,
 )
 from monitor_core.recordings.raw.mapping.map_records import (
     ChannelMap,
+    Cutting,
     MapKind,
+    MappedChannel,
     MotionSignals,
+    ResampleMethod,
+    Resampling,
+    ResponseLines,
     SessionSignals,
+    TimeSource,
+    Tolerances,
     WindowFacts,
+    WindowsIn,
 )
 from monitor_core.recordings.raw.text.layout import TextLayout
 
-_ANY_MAP = frozenset(("axis_id", "description", "text"))
-_TABLES = {
-    MapKind.SESSION: frozenset((
-        "excitation", "response", "position", "time", "resample", "window", "files", "tolerances",
-    )),
-    MapKind.MOTION: frozenset(("motion", "time", "resample")),
-    MapKind.FRF_SET: frozenset(("frf", "window", "files", "tolerances")),
-}  # fmt: skip
-#: What ``[window]`` and ``[[files]]`` may state of a frequency response.
+_PLACE = frozenset(("channel", "column", "row"))
+_SIGNAL = _PLACE | {"unit", "sensitivity", "sensitivity_unit", "offset", "time"}
+#: What ``[window]`` and ``[[files]]`` may state of a frequency response, and of windows.
 _CONDITIONS = frozenset(("position_mm", "payload_kg", "temperature_c", "preload_n"))
+_FACTS = _CONDITIONS | {"started_at", "position_span_mm", "measurement", "direction"}
+#: Entries of each table.
+_ENTRIES: dict[str, AbstractSet[str]] = {
+    "excitation": _SIGNAL | {"quantity", "source"},
+    "response": _SIGNAL,
+    "position": _SIGNAL,
+    "time": _PLACE | {"unit", "format", "date", "zone"},
+    "resample": {"sample_rate_hz", "method"},
+    "window": _FACTS | {
+        "sample_rate_hz", "samples_per_window", "windows_in", "window_interval_s", "file_interval_s",
+        "position_step_mm",
+    },
+    "files": _FACTS | {"name"},
+    "tolerances": Tolerances().attributes.keys(),
+    "motion": {"position", "force", "torque", "reference", "sample_rate_hz"},
+    "frf": {
+        "input", "output", "frequency", "real", "imaginary", "magnitude", "phase", "response", "standard_deviation",
+        "relative", "resolution_hz", "excitation_rms_nm", "excitation_rms_n",
+    },
+}  # fmt: skip
+#: Tables of a map of each kind, and entries outside of them.
+_TOP = {
+    MapKind.SESSION: {"excitation", "response", "position", "time", "resample", "window", "files", "tolerances"},
+    MapKind.MOTION: {"motion", "time", "resample"},
+    MapKind.FRF_SET: {"frf", "window", "files", "tolerances"},
+}
+_ANY_MAP = {"axis_id", "description", "text"}
+_ZONE = re.compile(r"([+-])(\d\d):?(\d\d)")
+_PHASES = {"deg": math.pi / 180.0, "rad": 1.0}
+_FREQUENCIES = {"Hz": 1.0, "kHz": 1e3}
 
 
 def read_channel_map(path: Path) -> ChannelMap:
@@ -126,9 +157,8 @@ def parse_channel_map(text: str, where: str) -> ChannelMap:
     """Read a channel map from its text; ``where`` names it in messages. Raises as :func:`read_channel_map`."""
     top = Fields(parse_toml(text, where, "a channel map"), where)
     kind = MapKind.MOTION if "motion" in top else MapKind.FRF_SET if "frf" in top else MapKind.SESSION
-    top.only(_ANY_MAP | _TABLES[kind])
-    readers = {MapKind.SESSION: _session_map, MapKind.MOTION: _motion_map, MapKind.FRF_SET: _frf_map}
-    return readers[kind](top)
+    top.only(_ANY_MAP | _TOP[kind])
+    return {MapKind.SESSION: _session_map, MapKind.MOTION: _motion_map, MapKind.FRF_SET: _frf_map}[kind](top)
 
 
 def _session_map(top: Fields) -> ChannelMap:
@@ -138,88 +168,279 @@ def _session_map(top: Fields) -> ChannelMap:
             "and without it there is no frequency response"
         )
     axis_id = top.text("axis_id")
-    excitation, response = table_of(top, "excitation"), table_of(top, "response")
+    excitation, response = _table(top, "excitation"), _table(top, "response")
     quantity = excitation.choice("quantity", ExcitationQuantity)
     measured = "position" in top
-    window = table_of(top, "window")
+    window = _table(top, "window")
     signals = SessionSignals(
-        mapped_channel(excitation, Quantity(quantity)),
+        _channel(excitation, Quantity(quantity)),
         quantity,
         excitation.choice("source", ExcitationSource),
-        mapped_channel(response, Quantity.ACCELERATION),
-        mapped_channel(table_of(top, "position"), Quantity.POSITION) if measured else None,
+        _channel(response, Quantity.ACCELERATION),
+        _channel(_table(top, "position"), Quantity.POSITION) if measured else None,
     )
-    files = files_of(top, FILES, measured=measured)
-    facts = window_facts(window, measured=measured)
+    files = _files(top, _ENTRIES["files"], measured=measured)
+    facts = _facts(window, measured=measured)
     if not measured and not files:
         facts_required(facts, window.where)
     return ChannelMap(
         signals,
         axis_id,
         facts,
-        _description(top),
+        top.optional_text("description") or "",
         _text(top),
-        time_source(top),
-        resampling(top),
-        window.positive("sample_rate_hz", "Hz") if "sample_rate_hz" in window else None,
-        cutting(window),
+        _time_source(top),
+        _resampling(top),
+        window.optional_positive("sample_rate_hz", "Hz"),
+        _cutting(window),
         files,
-        tolerances(top),
+        _tolerances(top),
     )
 
 
 def _motion_map(top: Fields) -> ChannelMap:
-    motion = table_of(top, "motion")
+    motion = _table(top, "motion")
     drives = [quantity for quantity in ExcitationQuantity if quantity in motion]
     if len(drives) != 1:
         got = " and ".join(drives) or "neither"
         raise RecordingFormatError(f"{motion.where}: expected one of force and torque; got {got}")
     (quantity,) = drives
-    reference = signal_in(motion, "reference", Quantity.POSITION) if "reference" in motion else None
-    signals = MotionSignals(
-        signal_in(motion, "position", Quantity.POSITION),
-        signal_in(motion, quantity, Quantity(quantity)),
-        quantity,
-        reference,
-    )
+
+    def signal(name: str, quantity: Quantity) -> MappedChannel:
+        return _channel(motion.table(name, _SIGNAL), quantity)
+
+    reference = signal("reference", Quantity.POSITION) if "reference" in motion else None
+    position, drive = signal("position", Quantity.POSITION), signal(quantity, Quantity(quantity))
     return ChannelMap(
-        signals,
-        _axis_id(top),
+        MotionSignals(position, drive, quantity, reference),
+        top.optional_text("axis_id") or "",
         WindowFacts(),
-        _description(top),
+        top.optional_text("description") or "",
         _text(top),
-        time_source(top),
-        resampling(top),
-        motion.positive("sample_rate_hz", "Hz") if "sample_rate_hz" in motion else None,
+        _time_source(top),
+        _resampling(top),
+        motion.optional_positive("sample_rate_hz", "Hz"),
     )
 
 
 def _frf_map(top: Fields) -> ChannelMap:
-    frf = table_of(top, "frf")
-    window = top.table("window") if "window" in top else Fields({}, f"{top.where} [window]")
-    window.only(_CONDITIONS)
-    files = files_of(top, _CONDITIONS | {"name"}, measured=False)
-    facts = window_facts(window, measured=False)
+    frf = _table(top, "frf")
+    window = top.table("window", _CONDITIONS) if "window" in top else Fields({}, f"{top.where} [window]")
+    files = _files(top, _CONDITIONS | {"name"}, measured=False)
+    facts = _facts(window, measured=False)
     if facts.position is None and not files:
         raise RecordingFormatError(f"{window.where}, position_mm: expected a number [mm]; it is missing")
     return ChannelMap(
-        response_lines(frf),
-        _axis_id(top),
+        _response_lines(frf),
+        top.optional_text("axis_id") or "",
         facts,
-        _description(top),
+        top.optional_text("description") or "",
         _text(top),
         files=files,
-        tolerances=tolerances(top),
+        tolerances=_tolerances(top),
     )
 
 
-def _axis_id(top: Fields) -> str:
-    return top.text("axis_id") if "axis_id" in top else ""
-
-
-def _description(top: Fields) -> str:
-    return top.text("description") if "description" in top else ""
+def _table(top: Fields, name: str) -> Fields:
+    return top.table(name, _ENTRIES[name])
 
 
 def _text(top: Fields) -> TextLayout | None:
     return TextLayout.from_fields(top.table("text")) if "text" in top else None
+
+
+def facts_required(facts: WindowFacts, where: str) -> None:
+    """Refuse windows whose place neither a channel nor the map says."""
+    for name, value in (("position_mm", facts.position), ("position_span_mm", facts.position_span)):
+        if value is None:
+            raise RecordingFormatError(f"{where}, {name}: expected a number [mm]; it is missing")
+
+
+def _channel(fields: Fields, quantity: Quantity) -> MappedChannel:
+    """Return a channel with the factor that its numbers are brought to SI by."""
+    unit = fields.text("unit")
+    if "sensitivity" in fields or "sensitivity_unit" in fields:
+        sensitivity, its_unit = fields.positive("sensitivity", "-"), fields.text("sensitivity_unit")
+        factor = sensor_factor(unit, sensitivity, its_unit, quantity, fields.where)
+    else:
+        factor = factor_to_si(unit, quantity, f"{fields.where}, unit")
+    row, column = _place(fields)
+    return MappedChannel(
+        fields.text("channel"),
+        unit,
+        factor,
+        fields.optional_number("offset", unit) or 0.0,
+        row,
+        column,
+        fields.optional_text("time"),
+    )
+
+
+def _place(fields: Fields) -> tuple[int | None, int | None]:
+    """Return which row and which column of a two-dimensional array is meant, counted from 0."""
+    if "row" in fields and "column" in fields:
+        raise RecordingFormatError(f"{fields.where}: expected a row or a column; got both")
+    row, column = (fields.count(name) - 1 if name in fields else None for name in ("row", "column"))
+    return row, column
+
+
+def _time_source(top: Fields) -> TimeSource | None:
+    """Return where the sampling times stand; None where nothing is said."""
+    if "time" not in top:
+        return None
+    fields = _table(top, "time")
+    channel = fields.optional_text("channel")
+    row, column = _place(fields)
+    if "format" not in fields:
+        for name in ("date", "zone"):
+            if name in fields:
+                raise RecordingFormatError(f"{fields.where}: expected {name} with format; got it with unit")
+        unit = fields.text("unit")
+        factor = factor_to_si(unit, Quantity.TIME, f"{fields.where}, unit")
+        return TimeSource(channel, factor, unit, row=row, column=column)
+    if "unit" in fields:
+        raise RecordingFormatError(f"{fields.where}: expected unit for numbers or format for texts; got both")
+    channel = fields.text("channel")
+    form = fields.text("format")
+    if form != "iso" and "%" not in form:
+        raise RecordingFormatError(f"{fields.where}, format: expected 'iso' or a pattern of strptime; got {form!r}")
+    date = fields.optional_text("date")
+    return TimeSource(channel, None, None, form, date, _zone(fields) if "zone" in fields else None)
+
+
+def _zone(fields: Fields) -> timezone:
+    text = fields.text("zone")
+    if text.upper() == "Z":
+        return UTC
+    match = _ZONE.fullmatch(text)
+    if match is None or int(match[2]) > 23 or int(match[3]) > 59:
+        raise RecordingFormatError(f"{fields.where}, zone: expected an offset such as '+01:00' or 'Z'; got {text!r}")
+    offset = timedelta(hours=int(match[2]), minutes=int(match[3]))
+    return timezone(-offset if match[1] == "-" else offset)
+
+
+def _resampling(top: Fields) -> Resampling | None:
+    """Return how channels are brought to one clock; None where nothing is said."""
+    if "resample" not in top:
+        return None
+    fields = _table(top, "resample")
+    return Resampling(fields.positive("sample_rate_hz", "Hz"), fields.choice("method", ResampleMethod))
+
+
+def _cutting(window: Fields) -> Cutting:
+    """Return how long records are cut into windows."""
+    step = window.optional_positive("position_step_mm", "mm")
+    return Cutting(
+        window.count("samples_per_window") if "samples_per_window" in window else None,
+        window.optional_choice("windows_in", WindowsIn),
+        window.optional_positive("window_interval_s", "s"),
+        window.optional_positive("file_interval_s", "s"),
+        None if step is None else metres(step),
+    )
+
+
+def _facts(fields: Fields, *, measured: bool) -> WindowFacts:
+    """Return what is stated of windows, whose position is ``measured`` by a channel or stated here."""
+    if measured and ("position_mm" in fields or "position_span_mm" in fields):
+        raise RecordingFormatError(
+            f"{fields.where}: expected the position once; got a [position] channel and position_mm or position_span_mm"
+        )
+    position, span = (fields.optional_number(name, "mm") for name in ("position_mm", "position_span_mm"))
+    return WindowFacts(
+        fields.instant("started_at") if "started_at" in fields else None,
+        None if position is None else metres(position),
+        None if span is None else metres(span),
+        fields.optional_number("payload_kg", "kg"),
+        fields.optional_number("temperature_c", "°C"),
+        fields.optional_number("preload_n", "N"),
+        fields.optional_text("measurement"),
+        fields.optional_choice("direction", Direction),
+    )
+
+
+def _files(top: Fields, known: AbstractSet[str], *, measured: bool) -> tuple[tuple[str, WindowFacts], ...]:
+    """Return what is stated of each file, by its name and in the order of the map."""
+    tables = top.values.get("files", [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise RecordingFormatError(f"{top.where}: expected tables [[files]]; got {type(tables).__name__}")
+    stated: dict[str, WindowFacts] = {}
+    for number, table in enumerate(tables, start=1):
+        fields = Fields(table, f"{top.where} [[files]] {number}")
+        fields.only(known)
+        name = fields.text("name")
+        if name in stated:
+            raise RecordingFormatError(f"{fields.where}, name: expected each file once; got {name!r} twice")
+        stated[name] = _facts(fields, measured=measured)
+    return tuple(stated.items())
+
+
+def _tolerances(top: Fields) -> Tolerances:
+    """Return how well settings are known, as far as it is stated."""
+    if "tolerances" not in top:
+        return Tolerances()
+    fields = _table(top, "tolerances")
+    stated = [fields.not_negative(name, "mm or 1") if name in fields else None for name in Tolerances().attributes]
+    return Tolerances(*stated)
+
+
+def _response_lines(frf: Fields) -> ResponseLines:
+    """Return where the lines of a response stand; raises RecordingFormatError where that is not said once."""
+    excitation, point = frf.choice("input", ExcitationPoint), frf.choice("output", ResponsePoint)
+
+    def quotient(name: str, entries: AbstractSet[str] = _PLACE | {"unit"}) -> MappedChannel:
+        fields = frf.table(name, entries)
+        return _line(fields, response_factor(fields.text("unit"), excitation, point, f"{fields.where}, unit"))
+
+    pairs = [pair for pair in (("real", "imaginary"), ("magnitude", "phase")) if pair[0] in frf or pair[1] in frf]
+    ways = [*(" and ".join(pair) for pair in pairs), *(["response"] if "response" in frf else [])]
+    if len(ways) != 1:
+        raise RecordingFormatError(
+            f"{frf.where}: expected real and imaginary, magnitude and phase, or response; got "
+            f"{', '.join(ways) or 'none of them'}"
+        )
+    whole = None
+    parts: tuple[MappedChannel, MappedChannel] | None = None
+    polar = bool(pairs) and pairs[0][1] == "phase"
+    if pairs:
+        value = quotient(pairs[0][0])
+        parts = value, _line_in(frf, "phase", _PHASES) if polar else quotient("imaginary")
+    else:
+        whole = value = quotient("response", {"channel", "unit"})
+    if (whole is None) != ("frequency" in frf):
+        missing = "it is missing" if whole is None else "it stands in the response of the file"
+        raise RecordingFormatError(f"{frf.where}, frequency: expected where the lines stand, once; {missing}")
+    level, other = ("excitation_rms_n", "excitation_rms_nm")[:: 1 if excitation_unit(excitation) == "N" else -1]
+    if other in frf:
+        raise RecordingFormatError(f"{frf.where}: expected {level} for {excitation}; got {other}")
+    stated = [name for name in ("standard_deviation", "relative") if name in frf]
+    if len(stated) != 1:
+        raise RecordingFormatError(
+            f"{frf.where}: expected standard_deviation or relative, how well the lines are known; got "
+            f"{' and '.join(stated) or 'neither'}"
+        )
+    in_column = isinstance(frf.values.get("standard_deviation"), dict)
+    number = None if in_column else frf.optional_positive("standard_deviation", "unit of the response")
+    return ResponseLines(
+        excitation,
+        point,
+        whole,
+        _line_in(frf, "frequency", _FREQUENCIES) if whole is None else None,
+        parts,
+        polar,
+        None if number is None else number * value.factor,
+        frf.optional_positive("relative", "-"),
+        quotient("standard_deviation") if in_column else None,
+        frf.optional_positive("resolution_hz", "Hz") or 0.0,
+        frf.optional_positive(level, excitation_unit(excitation)) or 0.0,
+    )
+
+
+def _line_in(frf: Fields, name: str, units: Mapping[str, float]) -> MappedChannel:
+    """Return a column that is in one of some units."""
+    fields = frf.table(name, _PLACE | {"unit"})
+    return _line(fields, units[fields.word("unit", units)])
+
+
+def _line(fields: Fields, factor: float) -> MappedChannel:
+    row, column = _place(fields)
+    return MappedChannel(fields.text("channel"), fields.text("unit"), factor, row=row, column=column)

@@ -15,6 +15,7 @@ from monitor_core.recordings import motion_csv
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.mapping.channel_map import facts_required
 from monitor_core.recordings.raw.mapping.doubts import (
     doubts_of_numbers,
     doubts_of_rate,
@@ -23,7 +24,6 @@ from monitor_core.recordings.raw.mapping.doubts import (
     require_place,
     require_vibration_rate,
 )
-from monitor_core.recordings.raw.mapping.map_entries import facts_required
 from monitor_core.recordings.raw.mapping.map_records import (
     ChannelMap,
     Cutting,
