@@ -63,50 +63,20 @@ __all__ = [
 ]
 
 _HOMES = {
-    "monitor_core.recordings.calibration_file": (
-        "read_calibration",
-        "write_calibration",
-    ),
-    "monitor_core.recordings.check": (
-        "FileReport",
-        "check_file",
-    ),
-    "monitor_core.recordings.frf_set": (
-        "read_frf_set",
-        "write_frf_set",
-    ),
-    "monitor_core.recordings.modal_csv": (
-        "ModalRow",
-        "read_modal_table",
-        "write_modal_table",
-    ),
-    "monitor_core.recordings.model_file": (
-        "read_model_file",
-        "write_model_file",
-    ),
-    "monitor_core.recordings.motion_csv": (
-        "read_motion_record",
-        "write_motion_record",
-    ),
-    "monitor_core.recordings.raw.channels": (
-        "Channel",
-        "Channels",
-    ),
-    "monitor_core.recordings.raw.formats": ("read_channels",),
-    "monitor_core.recordings.raw.mapping.channel_map": ("read_channel_map",),
-    "monitor_core.recordings.raw.mapping.imported": (
-        "ImportedSession",
-        "import_session",
-    ),
-    "monitor_core.recordings.raw.mapping.map_records": ("ChannelMap",),
-    "monitor_core.recordings.session_hdf5": (
-        "SessionReader",
-        "open_session",
-        "read_session",
-        "write_session",
-    ),
+    "calibration_file": ("read_calibration", "write_calibration"),
+    "check": ("FileReport", "check_file"),
+    "frf_set": ("read_frf_set", "write_frf_set"),
+    "modal_csv": ("ModalRow", "read_modal_table", "write_modal_table"),
+    "model_file": ("read_model_file", "write_model_file"),
+    "motion_csv": ("read_motion_record", "write_motion_record"),
+    "raw.channels": ("Channel", "Channels"),
+    "raw.formats": ("read_channels",),
+    "raw.mapping.channel_map": ("read_channel_map",),
+    "raw.mapping.imported": ("ImportedSession", "import_session"),
+    "raw.mapping.map_records": ("ChannelMap",),
+    "session_hdf5": ("SessionReader", "open_session", "read_session", "write_session"),
 }
-_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+_HOME_OF = {name: f"{__name__}.{module}" for module, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
