@@ -4,12 +4,13 @@ This is a reader of our own: lvm-read takes what it cannot parse for NaN, and by
 to the recording.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.text.table import (
@@ -38,16 +39,22 @@ class _FileHeader:
     decimal: str
     columns_of_x: str  # "No" | "One" | "Multi"
 
+    @property
+    def stride(self) -> int:
+        """How many columns a channel takes."""
+        return 2 if self.columns_of_x == "Multi" else 1
+
 
 @dataclass(frozen=True, slots=True)
-class _SegmentHeader:
-    names: tuple[str, ...]
-    columns: tuple[int, ...]  # of the channels, counted from 0
-    clocks: tuple[int | None, ...]
-    n_samples: tuple[int | None, ...]
-    units: tuple[str | None, ...]
-    steps: tuple[float | None, ...]  # [s]; None: x is no time, or no step is stated
-    n_columns: int
+class _Column:
+    """A channel as the header of its segment states it."""
+
+    name: str
+    number: int  # counted from 0
+    clock: int | None  # column of its x; None: x stands in no column
+    n_samples: int | None
+    unit: str | None
+    step: float | None  # [s]; None: x is no time, or no step is stated
 
 
 def is_lvm(head: bytes) -> bool:
@@ -85,19 +92,19 @@ def _encoding(path: Path) -> str:
 
 
 def _file_header(rows: Rows) -> _FileHeader:
-    where, found = rows.file_name, dict[str, str]()
+    where, entries = rows.file_name, dict[str, str]()
     for line in _header_rows(rows):
         key, _, value = line.replace(",", "\t", 1).partition("\t") if "\t" not in line else line.partition("\t")
-        found[key.strip()] = value if value == "," else value.strip("\t ").rstrip(",")
-    separator = found.get("Separator", "Tab")
+        entries[key.strip()] = value if value == "," else value.strip("\t ").rstrip(",")
+    separator = entries.get("Separator", "Tab")
     if separator.lower() not in _SEPARATORS:
         raise RecordingFormatError(f"{where}, Separator: expected Tab or Comma; got {separator[:40]!r}")
-    decimal = found.get("Decimal_Separator", ".") or ","
+    decimal = entries.get("Decimal_Separator", ".") or ","
     if decimal not in (".", ",") or (decimal, separator.lower()) == (",", "comma"):
         raise RecordingFormatError(
             f"{where}, Decimal_Separator: expected a point, or a comma in columns of tabs; got {decimal[:40]!r}"
         )
-    of_x = found.get("X_Columns", "One").capitalize()
+    of_x = entries.get("X_Columns", "One").capitalize()
     if of_x not in ("No", "One", "Multi"):
         raise RecordingFormatError(f"{where}, X_Columns: expected No, One or Multi; got {of_x[:40]!r}")
     return _FileHeader(_SEPARATORS[separator.lower()], decimal, of_x)
@@ -129,58 +136,59 @@ def _skip_blank(rows: Rows) -> bool:
 
 def _segment(rows: Rows, header: _FileHeader) -> tuple[Channel, ...]:
     where = f"{rows.file_name}, row {rows.row}"
-    found: dict[str, list[str]] = {}
+    stated: dict[str, list[str]] = {}
     for line in _header_rows(rows):
         require_columns(line, header.separator, where)
         key, *values = line.split(header.separator)
-        found[key.strip()] = [value.strip() for value in values]
-    segment = _segment_header(found, rows, header, where)
+        stated[key.strip()] = [value.strip() for value in values]
+    n_channels = _whole(stated.get("Channels", [""])[0], f"{where}, Channels")
+    names = _names(rows, header, n_channels, where)
+    columns = [_column(stated, header, names, i, where) for i in range(n_channels)]
     # where x stands in no column, the first cell of each row is blank, and is left out
-    names = segment.names[1:] if header.columns_of_x == "No" else segment.names
-    form = TableForm(names, header.separator, header.decimal, blanks=True)
-    table = read_table(_table_rows(rows, header, segment), form, f"{rows.file_name}, row")
-    return tuple(_channels(segment, table, where))
+    n_left_out = int(header.columns_of_x == "No")
+    form = TableForm(tuple(names[n_left_out:]), header.separator, header.decimal, blanks=True)
+    table = read_table(_table_rows(rows, header, len(names)), form, f"{rows.file_name}, row")
+    numbers = {column + n_left_out: values for column, values in table.numbers.items()}
+    blank = {column + n_left_out: cells for column, cells in table.blank.items()}
+    return tuple(_channels(columns, names, replace(table, numbers=numbers, blank=blank), where))
 
 
-def _segment_header(found: dict[str, list[str]], rows: Rows, header: _FileHeader, where: str) -> _SegmentHeader:
+def _names(rows: Rows, header: _FileHeader, n_channels: int, where: str) -> list[str]:
+    """Take the row of labels, and return the names of the columns; those of x have the number of their channel."""
     line = rows.take() or ""
     require_columns(line, header.separator, where)
     labels = [cell.strip() for cell in line.split(header.separator)]
-    n_channels = _whole(found.get("Channels", [""])[0], f"{where}, Channels")
     if labels[0] != "X_Value" or not 0 < n_channels <= MAX_COLUMNS:
         raise RecordingFormatError(
             f"{where}: expected the channels of a segment and a row of their names that begins with 'X_Value'; "
             f"got {n_channels} channels and {labels[0][:40]!r}"
         )
-    multi = header.columns_of_x == "Multi"
-    stride = 2 if multi else 1
-    columns = tuple(stride * i + 1 for i in range(n_channels))
-    n_columns = columns[-1] + 1
-    if len(labels) < n_columns or any(not labels[column] for column in columns):
+    numbers = [header.stride * i + 1 for i in range(n_channels)]
+    names = labels[: numbers[-1] + 1]
+    if len(names) <= numbers[-1] or any(not names[number] for number in numbers):
         raise RecordingFormatError(f"{where}: expected the names of {n_channels} channels; got {shown_list(labels)}")
-    names = list(labels[:n_columns])
-    if multi:
+    if header.stride == 2:
         names = [f"X_Value {i // 2 + 1}" if i % 2 == 0 else name for i, name in enumerate(names)]
-    if len(set(names)) < n_columns:
+    if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise RecordingFormatError(f"{where}: expected channels of different names; got {shown(twice)} twice")
+    return names
 
-    def stated(key: str, i: int) -> str:
-        values = found.get(key, [])
-        at = columns[i] - 1
-        return values[at] if at < len(values) else ""
 
-    of_time = [stated("X_Dimension", i).lower() in ("time", "") for i in range(n_channels)]
-    steps = [_step(stated("Delta_X", i), header.decimal, f"{where}, Delta_X") for i in range(n_channels)]
-    no_clock = header.columns_of_x == "No"
-    return _SegmentHeader(
-        tuple(names),
-        columns,
-        tuple(None if no_clock else column - 1 if multi else 0 for column in columns),
-        tuple(_whole(text, f"{where}, Samples") if (text := stated("Samples", i)) else None for i in range(n_channels)),
-        tuple(stated("Y_Unit_Label", i) or None for i in range(n_channels)),
-        tuple(step if of_time[i] and no_clock else None for i, step in enumerate(steps)),
-        n_columns,
+def _column(stated: Mapping[str, list[str]], header: _FileHeader, names: list[str], i: int, where: str) -> _Column:
+    number = header.stride * i + 1
+
+    def entry(key: str) -> str:
+        return dict(enumerate(stated.get(key, []), start=1)).get(number, "")
+
+    step, has_x = _step(entry("Delta_X"), header.decimal, f"{where}, Delta_X"), header.columns_of_x != "No"
+    return _Column(
+        names[number],
+        number,
+        (number - 1 if header.stride == 2 else 0) if has_x else None,
+        _whole(entry("Samples"), f"{where}, Samples") if entry("Samples") else None,
+        entry("Y_Unit_Label") or None,
+        step if not has_x and entry("X_Dimension").lower() in ("time", "") else None,
     )
 
 
@@ -199,10 +207,10 @@ def _step(text: str, decimal: str, where: str) -> float | None:
     return float(plain)
 
 
-def _table_rows(rows: Rows, header: _FileHeader, segment: _SegmentHeader) -> Iterator[tuple[int, list[str]]]:
+def _table_rows(rows: Rows, header: _FileHeader, n_columns: int) -> Iterator[tuple[int, list[str]]]:
     """Take the rows of a segment without their comments; a blank row ends it, and is left for the next."""
     separator, has_blank = header.separator, header.columns_of_x == "No"
-    n_separators = segment.n_columns - 1 - int(has_blank)
+    n_separators = n_columns - 1 - int(has_blank)
     for first_row, lines in rows.blocks(until_blank=True):
         samples = [line.removeprefix(separator) for line in lines] if has_blank else lines
         yield first_row, [_without_comment(line, separator, n_separators) for line in samples]
@@ -214,46 +222,41 @@ def _without_comment(line: str, separator: str, n_separators: int) -> str:
     return separator.join(line.split(separator, n_separators + 1)[: n_separators + 1])
 
 
-def _channels(segment: _SegmentHeader, table: Table, where: str) -> Iterator[Channel]:
+def _channels(columns: Sequence[_Column], names: Sequence[str], table: Table, where: str) -> Iterator[Channel]:
     clocks: dict[int, Channel] = {}
-    n_left_out = segment.n_columns - len(table.numbers)
-    for i, column in enumerate(segment.columns):
-        samples, blank = table.numbers[column - n_left_out], table.blank.get(column - n_left_out)
-        clock = segment.clocks[i]
-        stated = segment.n_samples[i]
+    for column in columns:
+        place = f"{where}, {shown(column.name)}"
+        blank, stated = table.blank.get(column.number), column.n_samples
         if stated == 0 and blank is not None and blank.all():
             continue
-        n_held = table.n_rows if blank is None else int(np.argmax(blank))
-        if blank is not None and not blank[n_held:].all():
+        samples = _held(table, column.number, f"{place}: expected a number")
+        if not samples.size or (stated is not None and samples.size < stated):
             raise RecordingFormatError(
-                f"{where}, {shown(segment.names[column])}: expected a number in each row; got a blank cell"
+                f"{place}: expected {stated or 'some'} samples as its header says; got {samples.size}: the file is "
+                "cut off"
             )
-        if n_held == 0 or (stated is not None and n_held < stated):
-            raise RecordingFormatError(
-                f"{where}, {shown(segment.names[column])}: expected {stated or 'some'} samples as its header says; "
-                f"got {n_held}: the file is cut off"
-            )
+        clock = column.clock
         if clock is not None and clock not in clocks:
-            clocks[clock] = Channel(segment.names[clock], _times(segment, table, clock, where), "s")
+            times = _held(table, clock, f"{where}, {shown(names[clock])}: expected x")
+            clocks[clock] = Channel(names[clock], times, "s")
             yield clocks[clock]
-        if clock is not None and clocks[clock].samples.size != n_held:
+        if clock is not None and clocks[clock].samples.size != samples.size:
             raise RecordingFormatError(
-                f"{where}, {shown(segment.names[column])}: expected a value for each x; got {n_held} values and "
-                f"{clocks[clock].samples.size} x"
+                f"{place}: expected a value for each x; got {samples.size} values and {clocks[clock].samples.size} x"
             )
         # more samples than stated: packets under one header, which does not say that none is missing between them
-        step = segment.steps[i] if stated in (None, n_held) else None
-        yield Channel(segment.names[column], samples[:n_held], segment.units[i],
-                      sample_rate=None if step is None else 1.0 / step,
-                      clock=None if clock is None else segment.names[clock])  # fmt: skip
+        step = column.step if stated in (None, samples.size) else None
+        yield Channel(column.name, samples, column.unit, sample_rate=None if step is None else 1.0 / step,
+                      clock=None if clock is None else names[clock])  # fmt: skip
 
 
-def _times(segment: _SegmentHeader, table: Table, clock: int, where: str) -> np.ndarray:
-    blank = table.blank.get(clock)
+def _held(table: Table, column: int, expected: str) -> FloatArray:
+    """Return the samples of a column, which ends where its cells are blank."""
+    blank = table.blank.get(column)
     n_held = table.n_rows if blank is None else int(np.argmax(blank))
     if blank is not None and not blank[n_held:].all():
-        raise RecordingFormatError(f"{where}, {shown(segment.names[clock])}: expected x in each row; got a blank cell")
-    return table.numbers[clock][:n_held]
+        raise RecordingFormatError(f"{expected} in each row; got a blank cell")
+    return table.numbers[column][:n_held]
 
 
 def _joined(segments: Sequence[tuple[Channel, ...]]) -> tuple[Channel, ...]:
