@@ -72,10 +72,8 @@ What is stated in the file *and* here is refused, and so is an entry that is not
 """
 
 import math
-import re
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from datetime import UTC, timedelta, timezone
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
@@ -106,6 +104,7 @@ from monitor_core.recordings.raw.mapping.map_records import (
     WindowFacts,
     WindowsIn,
 )
+from monitor_core.recordings.raw.mapping.times import zone_of
 from monitor_core.recordings.raw.text.layout import TextLayout
 
 _PLACE = frozenset(("channel", "column", "row"))
@@ -139,7 +138,6 @@ _TOP = {
     MapKind.FRF_SET: {"frf", "window", "files", "tolerances"},
 }
 _ANY_MAP = {"axis_id", "description", "text"}
-_ZONE = re.compile(r"([+-])(\d\d):?(\d\d)")
 _PHASES = {"deg": math.pi / 180.0, "rad": 1.0}
 _FREQUENCIES = {"Hz": 1.0, "kHz": 1e3}
 
@@ -304,19 +302,8 @@ def _time_source(top: Fields) -> TimeSource | None:
     form = fields.text("format")
     if form != "iso" and "%" not in form:
         raise RecordingFormatError(f"{fields.where}, format: expected 'iso' or a pattern of strptime; got {form!r}")
-    date = fields.optional_text("date")
-    return TimeSource(channel, None, None, form, date, _zone(fields) if "zone" in fields else None)
-
-
-def _zone(fields: Fields) -> timezone:
-    text = fields.text("zone")
-    if text.upper() == "Z":
-        return UTC
-    match = _ZONE.fullmatch(text)
-    if match is None or int(match[2]) > 23 or int(match[3]) > 59:
-        raise RecordingFormatError(f"{fields.where}, zone: expected an offset such as '+01:00' or 'Z'; got {text!r}")
-    offset = timedelta(hours=int(match[2]), minutes=int(match[3]))
-    return timezone(-offset if match[1] == "-" else offset)
+    date, zone = fields.optional_text("date"), fields.optional_text("zone")
+    return TimeSource(channel, None, None, form, date, None if zone is None else zone_of(zone, fields.where))
 
 
 def _resampling(top: Fields) -> Resampling | None:

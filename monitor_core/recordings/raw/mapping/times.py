@@ -32,7 +32,7 @@ _YEARS = (1678, 2261)
 def times_of(
     texts: Sequence[str],
     format: str,  # noqa: A002  # as the entry of the map is called
-    zone: str | tzinfo | None,
+    zone: tzinfo | None,
     dates: Sequence[str] | None,
     where: str,
 ) -> tuple[FloatArray, datetime | None]:
@@ -44,8 +44,8 @@ def times_of(
         A date and time each; with ``dates``, or where no date is written, a time of day.
     format : str
         "iso" (ISO 8601 to the second or finer, with point or comma) or a pattern of ``strptime``.
-    zone : str or tzinfo or None
-        Zone of texts that carry none: "Z" or an offset such as "+01:00".
+    zone : tzinfo or None
+        Zone of texts that carry none, see :func:`zone_of`.
     dates : sequence of str or None
         Dates that stand in a column of their own; texts and pattern are then of "date time", with one blank between.
     where : str
@@ -66,14 +66,13 @@ def times_of(
 
     Examples
     --------
-    >>> seconds, start = times_of(["2025-03-01T06:00:00.25", "2025-03-01T06:00:01.5"], "iso", "+01:00", None, "example")
+    >>> seconds, start = times_of(["2025-03-01T06:00:00.25", "2025-03-01T06:00:01.5"], "iso", UTC, None, "example")
     >>> seconds.tolist(), start.isoformat()
-    ([0.0, 1.25], '2025-03-01T06:00:00.250000+01:00')
+    ([0.0, 1.25], '2025-03-01T06:00:00.250000+00:00')
 
     """
     if not texts:
         raise RecordingFormatError(f"{where}: expected dates and times; the column is blank")
-    stated = _zone(zone, where) if isinstance(zone, str) else zone
     if dates is not None:
         if len(dates) != len(texts):
             raise RecordingFormatError(f"{where}: expected a date for each time; got {len(dates)} and {len(texts)}")
@@ -82,7 +81,7 @@ def times_of(
         moments, dated, carried = _iso(texts, where)
     else:
         moments, dated, carried = _patterned(texts, format, where)
-    if carried is not None and stated is not None:
+    if carried is not None and zone is not None:
         raise RecordingFormatError(f"{where}: expected the zone stated once; got {texts[0]!r} and zone in the map")
     seconds = (moments - moments[0]) / _NANOSECONDS
     if not dated and np.any(np.diff(moments) < 0):
@@ -91,23 +90,24 @@ def times_of(
             f"{where}: expected times of day that rise; got {texts[at + 1][:40]!r} behind {texts[at][:40]!r}: over "
             "midnight a date is needed"
         )
-    known = carried if carried is not None else stated
-    if not dated or known is None:
+    of_texts = carried if carried is not None else zone
+    if not dated or of_texts is None:
         return seconds, None
     local = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(moments[0]) // 1000)
     if carried is not None:  # moments of texts with a zone are those of UTC
-        return seconds, local.astimezone(known)
-    return seconds, local.replace(tzinfo=known)
+        return seconds, local.astimezone(of_texts)
+    return seconds, local.replace(tzinfo=of_texts)
 
 
-def _zone(text: str, where: str) -> tzinfo:
-    if text in ("Z", "z", "UTC"):
+def zone_of(text: str, where: str) -> tzinfo:
+    """Return the zone of a text such as "+01:00" or "Z"; ``RecordingFormatError`` if it is none."""
+    if text.upper() == "Z":
         return UTC
-    found = _ZONE.fullmatch(text)
-    if found is None or int(found[2]) > 23 or int(found[3]) > 59:
-        raise RecordingFormatError(f"{where}, zone: expected 'Z' or an offset such as '+01:00'; got {text[:40]!r}")
-    offset = timedelta(hours=int(found[2]), minutes=int(found[3]))
-    return timezone(offset if found[1] == "+" else -offset)
+    match = _ZONE.fullmatch(text)
+    if match is None or int(match[2]) > 23 or int(match[3]) > 59:
+        raise RecordingFormatError(f"{where}, zone: expected an offset such as '+01:00' or 'Z'; got {text!r}")
+    offset = timedelta(hours=int(match[2]), minutes=int(match[3]))
+    return timezone(-offset if match[1] == "-" else offset)
 
 
 def _iso(texts: Sequence[str], where: str) -> tuple[Nanoseconds, bool, tzinfo | None]:
@@ -131,7 +131,7 @@ def _iso(texts: Sequence[str], where: str) -> tuple[Nanoseconds, bool, tzinfo | 
             zones.setdefault(offset.upper(), i)
     if len(zones) > 1:
         raise RecordingFormatError(f"{where}: expected one zone; got {' and '.join(list(zones)[:3])}")
-    carried = _zone(next(iter(zones)), where) if zones else None
+    carried = zone_of(next(iter(zones)), where) if zones else None
     moments = _moments(fields, texts, where)
     if carried is not None:
         moments = moments - round((carried.utcoffset(None) or timedelta()).total_seconds()) * _NANOSECONDS

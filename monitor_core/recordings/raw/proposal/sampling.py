@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC
 
 import numpy as np
 
@@ -142,7 +143,7 @@ def rate_of_texts(times: TextTimes, channels: Channels) -> float | None:
     texts = channels.text(times.channel)[:MOST_STEPS]
     dates = None if times.date is None else channels.text(times.date)[:MOST_STEPS]
     try:
-        seconds, _ = times_of(texts, times.form, None if times.has_zone else "Z", dates, channels.file_name)
+        seconds, _ = times_of(texts, times.form, None if times.has_zone else UTC, dates, channels.file_name)
     except RecordingFormatError:
         return None
     return _mean_rate(seconds, printed_digit(seconds))
