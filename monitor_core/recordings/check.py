@@ -102,20 +102,21 @@ def _refuse(name: str, path: Path) -> FileReport:
 
 def _look_at_session(name: str, path: Path) -> FileReport:
     with open_session(path, compared=True) as reader:
-        found = look_at_session(reader, _MOST_PROBLEMS)
-    settings = found.settings
+        session = look_at_session(reader, _MOST_PROBLEMS)
+    settings = session.settings
     uses = usability.uses_of_session(path, settings)
     contents = [
-        ("axis_id", found.axis_id),
-        ("windows", found.n_windows),
-        ("measurements", len(found.measurements)),
+        ("axis_id", session.axis_id),
+        ("windows", session.n_windows),
+        ("measurements", len(session.measurements)),
         ("positions_mm", settings.positions_mm),
         ("preloads_n", settings.preloads_n),
-        ("first_window_at", found.started_at),
-        ("last_window_at", found.last_at),
+        ("first_window_at", session.started_at),
+        ("last_window_at", session.last_at),
     ]
     return FileReport(
-        name, not found.problems, found.problems, found.channels, tuple(contents), _doubts(found.channels), uses,
+        name, not session.problems, session.problems, session.channels, tuple(contents), _doubts(session.channels),
+        uses,
         usability.next_step(name, path, uses, settings.lacks_for_calibration),
     )  # fmt: skip
 

@@ -119,8 +119,10 @@ def _read_lines(group: "h5py.Group", where: str) -> tuple[FloatArray, ComplexArr
 def _require(fits: BoolArray, values: FloatArray | ComplexArray, expected: str, where: str) -> None:
     """Refuse a column by its first value that does not fit."""
     if not fits.all():
-        first = int(np.argmin(fits))
-        raise RecordingFormatError(f"{where}: expected {expected}; value {first + 1} of {fits.size} is {values[first]}")
+        i = int(np.argmin(fits))
+        raise RecordingFormatError(
+            f"{where}: expected {expected}; value {i + 1} of {fits.size} is {values[i]}"
+        )
 
 
 def write_condition(group: "h5py.Group", measured: MeasuredResponse) -> None:

@@ -72,11 +72,11 @@ def look_at_session(reader: SessionReader, most_problems: int) -> SessionContent
 
 def places(positions_mm: list[float]) -> tuple[float, ...]:
     """Return distinct positions, rising; those of one place are counted once."""
-    found: list[float] = []
+    distinct: list[float] = []
     for position in sorted(positions_mm):
-        if not found or position - found[-1] > _SAME_PLACE:
-            found.append(position)
-    return tuple(found)
+        if not distinct or position - distinct[-1] > _SAME_PLACE:
+            distinct.append(position)
+    return tuple(distinct)
 
 
 def _settings(gathered: _Gathered) -> Settings:

@@ -88,11 +88,11 @@ def kind_of_unit(unit: str | None) -> ChannelKind | None:
     """Return what a unit belongs to; a current is taken for a torque, a voltage for nothing."""
     if unit is not None and unit.strip() in _FREQUENCY_UNITS:
         return ChannelKind.FREQUENCY
-    known = canonical_unit(unit)
+    canonical = canonical_unit(unit)
     for quantity, factors in FACTOR_TO_SI.items():
-        if known in factors:
+        if canonical in factors:
             return ChannelKind(str(quantity))
-    return ChannelKind.TORQUE if known in ("A", "mA") else None
+    return ChannelKind.TORQUE if canonical in ("A", "mA") else None
 
 
 def unit_in_name(name: str) -> str | None:
@@ -137,10 +137,10 @@ def is_planned(name: str) -> bool:
 @np.errstate(over="ignore", invalid="ignore")
 def rises_evenly(samples: SampleArray) -> bool:
     """Tell whether values rise by one step, as sampling times and lines of a spectrum do."""
-    first = samples[:MOST_STEPS]
-    if first.ndim != 1 or first.size < 3 or not np.all(np.isfinite(first)):
+    start = samples[:MOST_STEPS]
+    if start.ndim != 1 or start.size < 3 or not np.all(np.isfinite(start)):
         return False
-    steps = np.diff(first.astype(np.float64))
+    steps = np.diff(start.astype(np.float64))
     middle = float(np.median(steps))
     return middle > 0.0 and bool(steps.min() > 0.0) and bool(np.mean(np.abs(steps - middle) < 0.5 * middle) > 0.9)
 

@@ -73,8 +73,8 @@ def clock_of_times(times: FloatArray, printed: float, where: str) -> tuple[Clock
     whole = 0.0 < printed <= _COARSEST * line_step and abs(steps[worst] - step) <= 2.0 * _PRINTED * printed
     if whole and distance <= _PRINTED * printed:
         share = 100.0 * printed / line_step
-        said = f"{where}: times are printed to {printed:.2g} s, {share:.2g} % of a step; taken as even, as they agree"
-        return Clock(_plain_rate(1.0 / line_step, times, printed), times), (said,)
+        remark = f"{where}: times are printed to {printed:.2g} s, {share:.2g} % of a step; taken as even, as they agree"
+        return Clock(_plain_rate(1.0 / line_step, times, printed), times), (remark,)
     advice = "a table [resample] with sample_rate_hz and method makes it even"
     if steps.min() < 0.0:
         advice = "times run back: the file holds several records, to be given one by one"
@@ -158,10 +158,10 @@ def resample(
     ``RecordingFormatError`` if times do not rise, leave a gap, or are not of one kind; if a channel is not finite; or
     if the channels have next to no time in common.
     """
-    instants, said = _instants(names, signals, clocks, where)
-    for name, values, at in zip(names, signals, instants, strict=True):
-        _require_samples(values, at, f"{where}, {name}")
-    begin, end = max(at[0] for at in instants), min(at[-1] for at in instants)
+    instants, remarks_on_times = _instants(names, signals, clocks, where)
+    for name, values, times in zip(names, signals, instants, strict=True):
+        _require_samples(values, times, f"{where}, {name}")
+    begin, end = max(times[0] for times in instants), min(times[-1] for times in instants)
     n_samples = math.floor((end - begin) * how.sample_rate * (1.0 + 1e-12)) + 1 if end > begin else 0
     if n_samples < _FEWEST_SAMPLES:
         raise RecordingFormatError(
@@ -169,13 +169,15 @@ def resample(
         )
     require_plausible_length(n_samples, where)
     grid = np.minimum(begin + np.arange(n_samples) / how.sample_rate, end)
-    moved, remarks = [], list(said)
-    for name, values, at in zip(names, signals, instants, strict=True):
+    moved, remarks = [], list(remarks_on_times)
+    for name, values, times in zip(names, signals, instants, strict=True):
         double = values.astype(np.float64)
-        new = _between(at, double, grid, how.method)
+        new = _between(times, double, grid, how.method)
         moved.append(new)
-        remarks.append(_remark(name, _error(at, double, grid, new, how), (at.size - 1) / (at[-1] - at[0]), how))
-    return Resampled(tuple(moved), float(begin - min(at[0] for at in instants)), tuple(remarks))
+        remarks.append(
+            _remark(name, _error(times, double, grid, new, how), (times.size - 1) / (times[-1] - times[0]), how)
+        )
+    return Resampled(tuple(moved), float(begin - min(times[0] for times in instants)), tuple(remarks))
 
 
 def _instants(
@@ -195,23 +197,23 @@ def _instants(
     instants = []
     for values, clock in zip(signals, clocks, strict=True):
         even = np.arange(values.size) / float(clock.sample_rate or math.nan)
-        at = even if clock.times is None else clock.times
+        times = even if clock.times is None else clock.times
         late = (clock.started_at - zero).total_seconds() if clock.started_at is not None and zero is not None else 0.0
-        instants.append(at + late)
+        instants.append(times + late)
     assumed = not starts and not any(timed)
     return instants, (f"{where}: no channel says when it starts; all are taken to start together",) if assumed else ()
 
 
-def _require_samples(values: SampleArray, at: FloatArray, where: str) -> None:
-    if values.shape != at.shape:
-        raise RecordingFormatError(f"{where}: expected a time for each sample; got {at.size} for {values.size}")
+def _require_samples(values: SampleArray, times: FloatArray, where: str) -> None:
+    if values.shape != times.shape:
+        raise RecordingFormatError(f"{where}: expected a time for each sample; got {times.size} for {values.size}")
     if values.size < _FEWEST_SAMPLES:
         raise RecordingFormatError(f"{where}: expected at least {_FEWEST_SAMPLES} samples; got {values.size}")
     if not np.all(np.isfinite(values)):
         raise RecordingFormatError(
             f"{where}: expected finite numbers to resample; sample {int(np.argmin(np.isfinite(values)))} is not"
         )
-    steps = np.diff(at)
+    steps = np.diff(times)
     shortest, longest = int(np.argmin(steps)), int(np.argmax(steps))
     if not steps[shortest] > 0.0:
         raise RecordingFormatError(
@@ -225,26 +227,26 @@ def _require_samples(values: SampleArray, at: FloatArray, where: str) -> None:
         )
 
 
-def _between(at: FloatArray, values: FloatArray, wanted: FloatArray, method: ResampleMethod) -> FloatArray:
+def _between(times: FloatArray, values: FloatArray, wanted: FloatArray, method: ResampleMethod) -> FloatArray:
     if method is ResampleMethod.LINEAR:
-        return np.interp(wanted, at, values)
+        return np.interp(wanted, times, values)
     import scipy.interpolate  # noqa: PLC0415  # not every recording is resampled
 
-    found: FloatArray = scipy.interpolate.CubicSpline(at, values)(wanted)
-    return found
+    between: FloatArray = scipy.interpolate.CubicSpline(times, values)(wanted)
+    return between
 
 
-def _error(at: FloatArray, values: FloatArray, grid: FloatArray, new: FloatArray, how: Resampling) -> float:
+def _error(times: FloatArray, values: FloatArray, grid: FloatArray, new: FloatArray, how: Resampling) -> float:
     """Return what resampling leaves wrong, as a share of the rms about the mean; an upper bound [-]."""
     level = float(np.std(values))
     if level == 0.0:
         return 0.0
-    last = at.size - 1 + at.size % 2  # the last sample that stays is behind every sample that is found again
+    last = times.size - 1 + times.size % 2  # the last sample that stays is behind every sample that is found again
     kept, left = slice(0, last, 2), slice(1, last - 1, 2)
-    misses = [_between(at[kept], values[kept], at[left], how.method) - values[left]]
-    if how.sample_rate < (1.0 - 1e-6) * (at.size - 1) / (at[-1] - at[0]):
-        inside = (at >= grid[0]) & (at <= grid[-1])
-        misses.append(_between(grid, new, at[inside], how.method) - values[inside])
+    misses = [_between(times[kept], values[kept], times[left], how.method) - values[left]]
+    if how.sample_rate < (1.0 - 1e-6) * (times.size - 1) / (times[-1] - times[0]):
+        inside = (times >= grid[0]) & (times <= grid[-1])
+        misses.append(_between(grid, new, times[inside], how.method) - values[inside])
     return max(float(np.sqrt(np.mean(miss**2))) for miss in misses) / level
 
 

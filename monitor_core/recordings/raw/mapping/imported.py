@@ -298,10 +298,10 @@ def _numbered(windows: Sequence[Window], step: float) -> list[Window]:
     """Give measurements numbers: windows that follow each other within a step of the first are one [m]."""
     counts: dict[str, int] = {}
     numbered: list[Window] = []
-    first: Window | None = None
+    begun: Window | None = None
     for window in windows:
-        if first is None or not _together(first, window, step):
-            first = window
+        if begun is None or not _together(begun, window, step):
+            begun = window
             counts[window.measurement] = counts.get(window.measurement, 0) + 1
         numbered.append(replace(window, measurement=f"{window.measurement} {counts[window.measurement]}"))
     return numbered

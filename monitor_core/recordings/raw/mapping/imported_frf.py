@@ -85,10 +85,10 @@ def _measured(path: Path, lines: ResponseLines, channel_map: ChannelMap) -> tupl
 def _read(channels: Channels, lines: ResponseLines) -> tuple[FloatArray, ComplexArray, FloatArray | None]:
     """Return frequency [Hz], response and its standard deviation, where a column holds it, in SI."""
     if lines.response is not None:
-        found = _response_named(channels, lines.response)
-        response: ComplexArray = found.response * lines.response.factor
+        named = _response_named(channels, lines.response)
+        response: ComplexArray = named.response * lines.response.factor
         column = None if lines.deviation is None else _column(channels, lines.deviation)
-        return np.asarray(found.frequency, dtype=np.float64), response, column
+        return np.asarray(named.frequency, dtype=np.float64), response, column
     if lines.frequency is None or lines.parts is None:
         raise RecordingFormatError(f"{channels.file_name}: expected columns of a frequency response")
     sources = [lines.frequency, *lines.parts, *([] if lines.deviation is None else [lines.deviation])]
@@ -96,8 +96,8 @@ def _read(channels: Channels, lines: ResponseLines) -> tuple[FloatArray, Complex
     if len({values.shape for values in columns}) > 1:
         got = ", ".join(f"{s.channel!r} {v.shape}" for s, v in zip(sources, columns, strict=True))
         raise RecordingFormatError(f"{channels.file_name}: expected channels of one length; got {got}")
-    frequency, first, second, *deviation = columns
-    whole: ComplexArray = first * np.exp(1j * second) if lines.polar else first + 1j * second
+    frequency, value, angle_or_imaginary, *deviation = columns
+    whole: ComplexArray = value * np.exp(1j * angle_or_imaginary) if lines.polar else value + 1j * angle_or_imaginary
     return frequency, whole, deviation[0] if deviation else None
 
 
@@ -127,8 +127,8 @@ def _require_quotient(response: FrequencyResponse, in_map: str, where: str) -> N
     if response.response_unit is None or response.reference_unit is None:
         return
     in_file = f"({response.response_unit})/({response.reference_unit})"
-    stated, said = quotient_of(in_file), quotient_of(in_map)
-    if stated is not None and said is not None and stated != said:
+    of_file, of_map = quotient_of(in_file), quotient_of(in_map)
+    if of_file is not None and of_map is not None and of_file != of_map:
         raise RecordingFormatError(f"{where}: expected {in_map!r} as the map says; the file says {in_file!r}")
 
 

@@ -44,7 +44,7 @@ def take_record(channels: Channels, sources: Sequence[MappedChannel], channel_ma
     where = channels.file_name
     signals = [signal_of(channels, source) for source in sources]
     values = [in_si(signal, source) for signal, source in zip(signals, sources, strict=True)]
-    clocks, said = _clocks(channels, signals, sources, channel_map)
+    clocks, remarks = _clocks(channels, signals, sources, channel_map)
     names, lengths = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
     started_at = next((clock.started_at for clock in clocks if clock.started_at is not None), None)
     flat = all(samples.ndim == 1 for samples in values)
@@ -53,14 +53,14 @@ def take_record(channels: Channels, sources: Sequence[MappedChannel], channel_ma
     if how is not None and flat and not (together and len(set(lengths)) == 1 and _is_rate(clocks, how.sample_rate)):
         moved = resample(names, values, clocks, how, where)
         earliest = min((c.started_at for c in clocks if c.started_at is not None), default=None)
-        return Record(where, names, moved.signals, how.sample_rate, earliest, moved.delay, (*said, *moved.remarks))
+        return Record(where, names, moved.signals, how.sample_rate, earliest, moved.delay, (*remarks, *moved.remarks))
     if how is not None and not flat:
         raise RecordingFormatError(f"{where}: expected one-dimensional channels to resample; got shapes {lengths}")
     _require_one_clock(clocks, where)
     if len(set(lengths)) > 1:
         got = ", ".join(f"{name!r} {shape}" for name, shape in zip(names, lengths, strict=True))
         raise RecordingFormatError(f"{where}: expected channels of one length; got {got}")
-    return Record(where, names, tuple(values), clocks[0].sample_rate or 0.0, started_at, 0.0, said)
+    return Record(where, names, tuple(values), clocks[0].sample_rate or 0.0, started_at, 0.0, remarks)
 
 
 def signal_of(channels: Channels, source: MappedChannel) -> Channel:
@@ -72,8 +72,8 @@ def signal_of(channels: Channels, source: MappedChannel) -> Channel:
 
 def require_unit(in_file: str | None, in_map: str, where: str) -> None:
     """Refuse a unit that the file contradicts; one that is not known here says nothing."""
-    known = canonical_unit(in_file)
-    if known is not None and known != (canonical_unit(in_map) or in_map):
+    of_file = canonical_unit(in_file)
+    if of_file is not None and of_file != (canonical_unit(in_map) or in_map):
         raise RecordingFormatError(f"{where}: expected {in_map!r} as the map says; the file says {in_file!r}")
 
 
@@ -106,45 +106,45 @@ def _clocks(
 ) -> tuple[list[Clock], tuple[str, ...]]:
     """Return the clock of each signal, and what is to be said of them."""
     taken: dict[tuple[object, ...], tuple[Clock, tuple[str, ...]]] = {}
-    clocks, said = list[Clock](), dict[str, None]()
+    clocks, all_remarks = list[Clock](), dict[str, None]()
     for signal, source in zip(signals, sources, strict=True):
-        found: dict[str, Clock] = {}
+        stated: dict[str, Clock] = {}
         if signal.sample_rate is not None:
-            found["the file"] = Clock(signal.sample_rate, started_at=signal.started_at)
+            stated["the file"] = Clock(signal.sample_rate, started_at=signal.started_at)
         timed = _times_of(signal, source, channel_map.time)
         for place, name, unit in timed:
             key = (name, unit)
             if key not in taken:
                 taken[key] = _clock_of_channel(channels, name, unit, channel_map.time)
             clock, remarks = taken[key]
-            found[place] = clock if clock.started_at is not None else replace(clock, started_at=signal.started_at)
-            said.update(dict.fromkeys(remarks))
+            stated[place] = clock if clock.started_at is not None else replace(clock, started_at=signal.started_at)
+            all_remarks.update(dict.fromkeys(remarks))
         if channel_map.sample_rate is not None:
-            found["sample_rate_hz of the map"] = Clock(channel_map.sample_rate, started_at=signal.started_at)
-        if len(found) != 1:
+            stated["sample_rate_hz of the map"] = Clock(channel_map.sample_rate, started_at=signal.started_at)
+        if len(stated) != 1:
             got = " and ".join(
                 f"{'uneven times' if clock.sample_rate is None else f'{clock.sample_rate} Hz'} in {place}"
-                for place, clock in found.items()
+                for place, clock in stated.items()
             )
             raise RecordingFormatError(
                 f"{channels.file_name}: expected the sample rate stated once; got {got or 'none'}"
                 + ("" if got else f" for {signal.name!r}: a file that states none needs [time] or sample_rate_hz")
             )
-        clocks += found.values()
-    return clocks, tuple(said)
+        clocks += stated.values()
+    return clocks, tuple(all_remarks)
 
 
 def _times_of(signal: Channel, source: MappedChannel, time: TimeSource | None) -> list[tuple[str, str, str | None]]:
     """Return which channels hold the sampling times of a signal: the place that says it, name, and unit of the map."""
     unit = None if time is None else time.unit
-    found = list[tuple[str, str, str | None]]()
+    sources = list[tuple[str, str, str | None]]()
     if signal.clock is not None:
-        found.append(("a channel that the file names", signal.clock, unit if source.time is None else None))
+        sources.append(("a channel that the file names", signal.clock, unit if source.time is None else None))
     if source.time is not None:
-        found.append(("the channel of time", source.time, unit))
+        sources.append(("the channel of time", source.time, unit))
     elif time is not None and time.channel is not None:
-        found.append(("the channel of [time]", time.channel, unit))
-    return found
+        sources.append(("the channel of [time]", time.channel, unit))
+    return sources
 
 
 def _clock_of_channel(
@@ -154,8 +154,8 @@ def _clock_of_channel(
     if time is not None and time.form is not None and name == time.channel:
         dates = None if time.date is None else channels.text(time.date)
         seconds, start = times_of(channels.text(name), time.form, time.zone, dates, where)
-        clock, said = clock_of_times(seconds, printed_digit(seconds), where)
-        return replace(clock, started_at=start), said
+        clock, remarks = clock_of_times(seconds, printed_digit(seconds), where)
+        return replace(clock, started_at=start), remarks
     channel = channels.channel(name)
     if unit is not None:
         require_unit(channel.unit, unit, where)
@@ -168,8 +168,8 @@ def _clock_of_channel(
         )
     factor = factor_to_si(stated, Quantity.TIME, where)
     times: FloatArray = channel.samples.astype(np.float64) * factor
-    clock, said = clock_of_times(times, printed_digit(channel.samples.reshape(-1)) * factor, where)
-    return replace(clock, started_at=channel.started_at), said
+    clock, remarks = clock_of_times(times, printed_digit(channel.samples.reshape(-1)) * factor, where)
+    return replace(clock, started_at=channel.started_at), remarks
 
 
 def _is_rate(clocks: Sequence[Clock], sample_rate: float) -> bool:

@@ -85,9 +85,9 @@ def times_of(
         raise RecordingFormatError(f"{where}: expected the zone stated once; got {texts[0]!r} and zone in the map")
     seconds = (moments - moments[0]) / _NANOSECONDS
     if not dated and np.any(np.diff(moments) < 0):
-        at = int(np.argmax(np.diff(moments) < 0))
+        fall = int(np.argmax(np.diff(moments) < 0))
         raise RecordingFormatError(
-            f"{where}: expected times of day that rise; got {texts[at + 1][:40]!r} behind {texts[at][:40]!r}: over "
+            f"{where}: expected times of day that rise; got {texts[fall + 1][:40]!r} behind {texts[fall][:40]!r}: over "
             "midnight a date is needed"
         )
     of_texts = carried if carried is not None else zone
@@ -112,20 +112,20 @@ def zone_of(text: str, where: str) -> tzinfo:
 
 def _iso(texts: Sequence[str], where: str) -> tuple[Nanoseconds, bool, tzinfo | None]:
     fields, zones = np.zeros((7, len(texts)), dtype=np.int64), dict[str, int]()
-    first: tuple[bool, bool] | None = None
+    of_first: tuple[bool, bool] | None = None
     for i, text in enumerate(texts):
-        found = _ISO.fullmatch(text.strip())
-        if found is None:
+        match = _ISO.fullmatch(text.strip())
+        if match is None:
             raise RecordingFormatError(
                 f"{where}, sample {i}: expected a time of ISO 8601 such as 2025-03-01T06:00:00.5; got {text[:40]!r}"
             )
-        written = (found[1] is not None, found[8] is not None)
-        first = first or written
-        if written != first:
+        written = (match[1] is not None, match[8] is not None)
+        of_first = of_first or written
+        if written != of_first:
             raise RecordingFormatError(
                 f"{where}, sample {i}: expected date and zone as in {texts[0][:40]!r}; got {text[:40]!r}"
             )
-        year, month, day, hour, minute, second, fraction, offset = found.groups()
+        year, month, day, hour, minute, second, fraction, offset = match.groups()
         fields[:, i] = (year or 1970, month or 1, day or 1, hour, minute, second or 0, _nanoseconds(fraction))
         if offset is not None:
             zones.setdefault(offset.upper(), i)
@@ -135,7 +135,7 @@ def _iso(texts: Sequence[str], where: str) -> tuple[Nanoseconds, bool, tzinfo | 
     moments = _moments(fields, texts, where)
     if carried is not None:
         moments = moments - round((carried.utcoffset(None) or timedelta()).total_seconds()) * _NANOSECONDS
-    return moments, first is not None and first[0], carried
+    return moments, of_first is not None and of_first[0], carried
 
 
 def _patterned(texts: Sequence[str], pattern: str, where: str) -> tuple[Nanoseconds, bool, tzinfo | None]:
@@ -156,17 +156,17 @@ def _patterned(texts: Sequence[str], pattern: str, where: str) -> tuple[Nanoseco
     fields = np.zeros((7, len(texts)), dtype=np.int64)
     fields[0], fields[1], fields[2] = 1970, 1, 1
     for i, text in enumerate(texts):
-        found = expression.fullmatch(text.strip())
-        if found is None:
+        match = expression.fullmatch(text.strip())
+        if match is None:
             raise RecordingFormatError(f"{where}, sample {i}: expected a time as {pattern!r}; got {text[:40]!r}")
         for directive, place in places.items():
             if directive == "f":
-                fields[6, i] = _nanoseconds(found[place])
+                fields[6, i] = _nanoseconds(match[place])
             elif directive == "y":  # as POSIX: 69 to 99 are of the last century
-                year = int(found[place])
+                year = int(match[place])
                 fields[0, i] = year + (1900 if year > 68 else 2000)
             else:
-                fields[_PARTS.index(directive), i] = int(found[place])
+                fields[_PARTS.index(directive), i] = int(match[place])
     return _moments(fields, texts, where), dated, None
 
 
@@ -177,11 +177,11 @@ def _by_strptime(
     zero = datetime(1970, 1, 1, tzinfo=UTC)
     for i, text in enumerate(texts):
         try:
-            found = datetime.strptime(text.strip(), pattern)  # noqa: DTZ007  # the zone may be in the map
-            offset = found.utcoffset()
+            moment = datetime.strptime(text.strip(), pattern)  # noqa: DTZ007  # the zone may be in the map
+            offset = moment.utcoffset()
             if offset is not None:
                 zones.setdefault(offset, timezone(offset))
-            since = (found if offset is not None else found.replace(tzinfo=UTC)) - zero
+            since = (moment if offset is not None else moment.replace(tzinfo=UTC)) - zero
         except (ValueError, OverflowError, re.error):
             raise RecordingFormatError(
                 f"{where}, sample {i}: expected a time as {pattern[:60]!r}; got {text[:40]!r}"

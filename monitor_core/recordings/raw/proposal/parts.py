@@ -57,7 +57,7 @@ def _is_motion(kinds: set[ChannelKind | None]) -> bool:
 
 def parts_of(channels: Channels) -> list[Part]:
     """Return what may be given a meaning: channels, and the rows or columns of a single array of few of them."""
-    found = []
+    parts = []
     arrays = [channel for channel in channels.channels if channel.samples.ndim == 2]
     for channel in channels.channels:
         samples = channel.samples
@@ -65,10 +65,10 @@ def parts_of(channels: Channels) -> list[Part]:
             in_rows = samples.shape[0] < samples.shape[1]
             for number, values in enumerate(samples if in_rows else samples.T, start=1):
                 kind = kind_of(str(number), None, values)
-                found.append(Part(channel, values, kind, "row" if in_rows else "column", number))
+                parts.append(Part(channel, values, kind, "row" if in_rows else "column", number))
         else:
-            found.append(Part(channel, samples, kind_of(channel.name, channel.unit, samples)))
-    return found
+            parts.append(Part(channel, samples, kind_of(channel.name, channel.unit, samples)))
+    return parts
 
 
 def signals_in(parts: Sequence[Part]) -> tuple[Part | None, Part | None]:

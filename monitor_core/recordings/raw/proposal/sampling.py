@@ -64,15 +64,15 @@ class StatedRate:
 
 def rate_of_numbers(channels: Channels) -> StatedRate | None:
     """Return the rate that single numbers of the file seem to state; None where none does, or they contradict."""
-    found = list[StatedRate]()
+    stated_rates = list[StatedRate]()
     for name, value in channels.numbers.items():
         last = re.sub(r"[-_\s]", "", name.rpartition(".")[2].lower())
         if last in _NAMES_OF_RATE and value > 0.0:
-            found.append(StatedRate(value, name))
+            stated_rates.append(StatedRate(value, name))
         elif last in _NAMES_OF_STEP and 0.0 < value < 1.0:
-            found.append(StatedRate(1.0 / value, name))
-    agree = len({f"{stated.sample_rate:.6g}" for stated in found}) == 1
-    return found[0] if agree else None
+            stated_rates.append(StatedRate(1.0 / value, name))
+    agree = len({f"{stated.sample_rate:.6g}" for stated in stated_rates}) == 1
+    return stated_rates[0] if agree else None
 
 
 def rate_entry(stated: StatedRate | None) -> MapEntry:
@@ -117,8 +117,8 @@ def _text_time_entries(times: TextTimes) -> Iterator[MapEntry]:
 
 def _counts(times: Part) -> bool:
     """Tell whether values are 0, 1, 2, …: the number of a sample, of which the rate is not known."""
-    first = times.samples[:1000]
-    return first.size > 1 and bool((np.diff(first) == 1.0).all()) and float(first[0]) in (0.0, 1.0)
+    start = times.samples[:1000]
+    return start.size > 1 and bool((np.diff(start) == 1.0).all()) and float(start[0]) in (0.0, 1.0)
 
 
 def _unit_of_times(times: Part) -> tuple[str | None, Mark, str]:
@@ -183,12 +183,12 @@ def cutting_entry(signals: Sequence[Part], times: Part | TextTimes | None, rate_
 
 def text_times(columns: Mapping[str, Sequence[str]]) -> TextTimes | None:
     """Return what columns of texts seem to say; None if none of them is a time."""
-    known = {name: [text.strip() for text in texts[:_MOST_LOOKED_AT]] for name, texts in columns.items() if texts}
-    for name, texts in known.items():
-        if (found := _ISO.fullmatch(texts[0])) is not None:
-            return TextTimes(name, None, "iso", is_dated=True, has_zone=found["zone"] is not None)
-    dates = next((name for name, texts in known.items() if _DATE.fullmatch(texts[0])), None)
-    for name, texts in known.items():
+    looked_at = {name: [text.strip() for text in texts[:_MOST_LOOKED_AT]] for name, texts in columns.items() if texts}
+    for name, texts in looked_at.items():
+        if (match := _ISO.fullmatch(texts[0])) is not None:
+            return TextTimes(name, None, "iso", is_dated=True, has_zone=match["zone"] is not None)
+    dates = next((name for name, texts in looked_at.items() if _DATE.fullmatch(texts[0])), None)
+    for name, texts in looked_at.items():
         date, _, clock = _parted(texts[0])
         pattern = _clock_pattern(clock)
         if pattern is None or (date and not _DATE.fullmatch(date)):
@@ -197,7 +197,7 @@ def text_times(columns: Mapping[str, Sequence[str]]) -> TextTimes | None:
             form = _joined([_parted(text)[0] for text in texts], pattern)
             return TextTimes(name, None, form, is_dated=True, has_zone=False)
         if dates is not None:
-            return TextTimes(name, dates, _joined(known[dates], pattern), is_dated=True, has_zone=False)
+            return TextTimes(name, dates, _joined(looked_at[dates], pattern), is_dated=True, has_zone=False)
         return TextTimes(name, None, pattern, is_dated=False, has_zone=False)
     return None
 
@@ -208,13 +208,13 @@ def _parted(text: str) -> tuple[str, str, str]:
 
 
 def _clock_pattern(text: str) -> str | None:
-    found = _CLOCK.fullmatch(text)
-    if found is None:
+    match = _CLOCK.fullmatch(text)
+    if match is None:
         return None
-    hour = "%H" if found["half"] is None else "%I"
-    half = "" if found["half"] is None else f"{found['half'][:-2]}%p"
-    fraction = "" if found["sign"] is None else f"{found['sign']}%f"
-    return f"{hour}:%M{'' if found['seconds'] is None else ':%S'}{fraction}{half}"
+    hour = "%H" if match["half"] is None else "%I"
+    half = "" if match["half"] is None else f"{match['half'][:-2]}%p"
+    fraction = "" if match["sign"] is None else f"{match['sign']}%f"
+    return f"{hour}:%M{'' if match['seconds'] is None else ':%S'}{fraction}{half}"
 
 
 def _joined(dates: Sequence[str], clock: str) -> str | None:
@@ -224,7 +224,7 @@ def _joined(dates: Sequence[str], clock: str) -> str | None:
 
 def _date_pattern(dates: Sequence[str]) -> str | None:
     """Return the pattern of dates; None where a stroke leaves day and month open in all of them."""
-    parts = [found.groups() for text in dates if (found := _DATE.fullmatch(text)) is not None]
+    parts = [match.groups() for text in dates if (match := _DATE.fullmatch(text)) is not None]
     first, sign, _, last = parts[0]
     if len(first) == 4:
         return f"%Y{sign}%m{sign}%d"

@@ -85,14 +85,14 @@ def _is_stamp(cell: str) -> bool:
 
 
 def _header(rows: Rows) -> _Header:
-    first = rows.ahead(1)[0]
-    separator = next((sign for sign in _SEPARATORS if first.startswith(f"Name{sign}")), None)
+    line_of_name = rows.ahead(1)[0]
+    separator = next((sign for sign in _SEPARATORS if line_of_name.startswith(f"Name{sign}")), None)
     if separator is None:
         raise RecordingFormatError(
             f"{rows.file_name}: expected an export of TwinCAT Scope with tabs or semicolons; blanks also stand "
             "in names: export it with another separator"
         )
-    about, found = dict[str, str](), dict[str, list[str]]()
+    about, of_channels = dict[str, str](), dict[str, list[str]]()
     for _ in range(_MOST_HEADER_ROWS):
         line = rows.take()
         if line is None:
@@ -100,16 +100,16 @@ def _header(rows: Rows) -> _Header:
         require_columns(line, separator, f"{rows.file_name}, row {rows.row - 1}")
         cells = [cell.strip() for cell in line.split(separator)]
         if not any(cells):
-            if found.keys() & _CHANNEL_KEYS:
-                return _checked(rows, separator, about, found)
+            if of_channels.keys() & _CHANNEL_KEYS:
+                return _checked(rows, separator, about, of_channels)
         elif cells[0] in ("Name", *_CHANNEL_KEYS) and ("File" in about or "Name" in about) and len(about) > 1:
-            found[cells[0]] = cells
-        elif found:
+            of_channels[cells[0]] = cells
+        elif of_channels:
             if cells[0].replace(",", ".").replace(".", "").isdigit():
                 raise RecordingFormatError(
                     f"{rows.file_name}, row {rows.row - 1}: expected a blank row above the samples; got none"
                 )
-            found[cells[0]] = cells
+            of_channels[cells[0]] = cells
         else:
             about[cells[0]] = cells[1] if len(cells) > 1 else ""
     raise RecordingFormatError(
@@ -118,15 +118,15 @@ def _header(rows: Rows) -> _Header:
     )
 
 
-def _checked(rows: Rows, separator: str, about: dict[str, str], found: dict[str, list[str]]) -> _Header:
+def _checked(rows: Rows, separator: str, about: dict[str, str], of_channels: dict[str, list[str]]) -> _Header:
     where = rows.file_name
-    labels = found.setdefault("Name", [])
+    labels = of_channels.setdefault("Name", [])
     while labels and not labels[-1]:
         labels = labels[:-1]
     clocks: dict[int, int] = {}
     clock = None
     # rows with a decimal comma among commas have more cells
-    others = [cells for key, cells in found.items() if key != "Name" and len(cells) == len(found["Name"])]
+    others = [cells for key, cells in of_channels.items() if key != "Name" and len(cells) == len(of_channels["Name"])]
     for i, label in enumerate(labels):
         # a channel may be called "Name" too: its other rows do not repeat their own names
         if label == "Name" and all(cells[i] == cells[0] for cells in others):
@@ -146,7 +146,7 @@ def _checked(rows: Rows, separator: str, about: dict[str, str], found: dict[str,
         raise RecordingFormatError(
             f"{where}, Name: expected channels behind each column of times; got {shown_list(labels)}"
         )
-    cells = found.get("Unit", [])
+    cells = of_channels.get("Unit", [])
     units = {i: cells[i].partition(" (")[0] for i in clocks if len(cells) > i and not cells[i].startswith("(")}
     ticks = next((about[key] for key in _START_KEYS if key in about), None)
     start = None
