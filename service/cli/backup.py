@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 from pydantic import TypeAdapter
 
-from service.cli.output import json_option, print_json, print_line, progress_bar
+from service.cli.options import data_dir_option, json_option
+from service.cli.output import print_json, print_line, progress_bar
 from service.errors import DataFolderError
 from service.settings import Settings
 from service.store.safekeeping.backup import Manifest, back_up
@@ -17,9 +18,7 @@ from service.store.safekeeping.backup import restore as restore_folder
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False, exists=True))
-@click.option(
-    "--data-dir", type=click.Path(path_type=Path, file_okay=False), help="Where to, new or empty (PRELOAD_DATA_DIR)."
-)
+@data_dir_option("Where to, new or empty")
 @click.option("--despite-damage", is_flag=True, help="Restore what there is of a damaged backup.")
 @json_option
 @click.pass_context
@@ -38,7 +37,7 @@ def restore(context: click.Context, folder: Path, data_dir: Path | None, despite
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--data-dir", type=click.Path(path_type=Path, file_okay=False), help="What to copy (PRELOAD_DATA_DIR).")
+@data_dir_option("What to copy")
 @json_option
 @click.pass_context
 def backup(context: click.Context, folder: Path, data_dir: Path | None, as_json: bool) -> None:

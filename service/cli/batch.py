@@ -19,7 +19,8 @@ from pathlib import Path
 import click
 
 from service.cli.main import command_named
-from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.options import json_option
+from service.cli.output import print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target_folder
 from service.json_types import JsonObject
 

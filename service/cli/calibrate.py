@@ -33,7 +33,8 @@ from service.cli.inputs.data import (
     map_option,
     opened_session,
 )
-from service.cli.output import json_option, print_json, print_line, print_table
+from service.cli.options import json_option
+from service.cli.output import print_json, print_line, print_table
 from service.cli.targets import require_target
 
 

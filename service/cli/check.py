@@ -16,7 +16,8 @@ from monitor_core.recordings.raw.inspection import ChannelSummary
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.recognition import KINDS, SESSION
 from monitor_core.recordings.session_hdf5 import open_session
-from service.cli.output import json_option, print_json, print_line, print_table
+from service.cli.options import json_option
+from service.cli.output import print_json, print_line, print_table
 from service.cli.targets import require_target
 from service.documents.file_check import json_fact
 from service.json_types import JsonObject

@@ -15,7 +15,8 @@ from service.api.axes import AxisOut
 from service.api.jobs import JobsOut
 from service.api.trend import TrendOut, TrendPointOut
 from service.cli.inputs.data import counted_session
-from service.cli.output import json_option, print_json, print_line, print_table
+from service.cli.options import json_option
+from service.cli.output import print_json, print_line, print_table
 from service.cli.remote.client import Client
 from service.cli.remote.server import embedded_service
 from service.cli.replay import post_session

@@ -40,7 +40,8 @@ from service.cli.inputs.model import (
     tolerance_options,
     tolerances_of,
 )
-from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.options import json_option
+from service.cli.output import print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target, require_target_folder
 from service.documents.explanation import explanation_document
 from service.report import write_report

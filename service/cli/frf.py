@@ -29,7 +29,8 @@ from service.cli.inputs.data import (
     map_option,
     opened_session,
 )
-from service.cli.output import json_option, print_json, print_table
+from service.cli.options import json_option
+from service.cli.output import print_json, print_table
 from service.documents.measurement import modal_document, refusal_document
 from service.json_types import JsonObject
 

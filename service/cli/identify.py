@@ -41,7 +41,8 @@ from service.cli.inputs.model import (
     require_session,
     responses_of_data,
 )
-from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.options import json_option
+from service.cli.output import print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target
 from service.documents.identification import OBJECTIVES, held_out_kind, identification_document
 

@@ -10,7 +10,8 @@ from monitor_core.recordings.raw.mapping.imported import ImportedMotion, Importe
 from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet
 from monitor_core.recordings.session_hdf5 import write_session
 from service.cli.inputs.data import SESSION_SUFFIXES, DataKind, Imported, data_of, import_of, say
-from service.cli.output import json_option, print_json, print_line
+from service.cli.options import force_option, json_option
+from service.cli.output import print_json, print_line
 from service.cli.targets import require_target
 from service.json_types import JsonObject
 
@@ -27,7 +28,7 @@ _TARGETS = {DataKind.SESSION: "session file", DataKind.FRF_SET: "session file", 
     "--out", required=True, type=click.Path(path_type=Path, dir_okay=False), metavar="FILE",
     help="Session (*.session.h5), set of frequency responses (*.frf.h5) or motion record (*.csv).",
 )  # fmt: skip
-@click.option("--force", is_flag=True, help="Replace an existing file.")
+@force_option
 @json_option
 def import_raw(paths: tuple[Path, ...], map_path: Path, out: Path, force: bool, as_json: bool) -> None:
     """Make a session, a motion record or a set of frequency responses of raw files.

@@ -7,7 +7,8 @@ import click
 from monitor_core.models import DriveConditions, MotorEnd, NaturalFrequency
 from monitor_core.recordings.elements.units import metres
 from service.cli.inputs.model import NumbersCommand, built_model, effects_option
-from service.cli.output import json_option, print_json, print_table
+from service.cli.options import json_option
+from service.cli.output import print_json, print_table
 from service.json_types import JsonObject
 
 

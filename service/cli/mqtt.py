@@ -6,11 +6,12 @@ import threading
 
 import click
 
+from service.cli.options import url_option
 from service.observability import configure_logging
 
 
 @click.command()
-@click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
+@url_option
 def mqtt(url: str) -> None:
     """Take windows from an MQTT broker to a service, until it is stopped.
 

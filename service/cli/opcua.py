@@ -7,12 +7,13 @@ import signal
 
 import click
 
+from service.cli.options import url_option
 from service.errors import DataFolderError
 from service.observability import configure_logging
 
 
 @click.command()
-@click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
+@url_option
 def opcua(url: str) -> None:
     """Show preload, state and alarms of a service to OPC UA clients, until it is stopped.
 

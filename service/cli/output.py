@@ -25,8 +25,6 @@ from rich.text import Text
 from service.documents.measurement import finite_or_null
 from service.documents.printable import printable
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
-
 
 def print_line(text: str, *, err: bool = False) -> None:
     """Print one line, on standard error if ``err``."""

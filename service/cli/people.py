@@ -9,7 +9,8 @@ from pathlib import Path
 
 import click
 
-from service.cli.output import json_option, print_json, print_line
+from service.cli.options import data_dir_option, json_option
+from service.cli.output import print_json, print_line
 from service.clock import text_of
 from service.operations.access.people import People
 from service.operations.access.scopes import ROLES, Scope
@@ -18,9 +19,6 @@ from service.store.database import Database
 
 SCOPES = [str(scope) for scope in Scope]
 
-_data_dir = click.option(
-    "--data-dir", type=click.Path(path_type=Path, file_okay=False), help="Data of the service (PRELOAD_DATA_DIR)."
-)
 _password_stdin = click.option("--password-stdin", is_flag=True, help="Read the password from standard input.")
 
 
@@ -52,7 +50,7 @@ def user() -> None:
 @click.argument("name")
 @click.option("--role", type=click.Choice(list(ROLES)), required=True, help="What the user may do.")
 @_password_stdin
-@_data_dir
+@data_dir_option()
 def add_user(name: str, role: str, password_stdin: bool, data_dir: Path | None) -> None:
     """Make a user. With the first administrator nobody else may do anything without a name or a key any more."""
     with _people(data_dir) as people:
@@ -63,7 +61,7 @@ def add_user(name: str, role: str, password_stdin: bool, data_dir: Path | None) 
 @user.command("role")
 @click.argument("name")
 @click.argument("role", type=click.Choice(list(ROLES)))
-@_data_dir
+@data_dir_option()
 def set_role(name: str, role: str, data_dir: Path | None) -> None:
     """Give a user another role."""
     with _people(data_dir) as people:
@@ -74,7 +72,7 @@ def set_role(name: str, role: str, data_dir: Path | None) -> None:
 @user.command("password")
 @click.argument("name")
 @_password_stdin
-@_data_dir
+@data_dir_option()
 def set_password(name: str, password_stdin: bool, data_dir: Path | None) -> None:
     """Give a user another password; whoever is logged in with the old one no longer is."""
     with _people(data_dir) as people:
@@ -84,7 +82,7 @@ def set_password(name: str, password_stdin: bool, data_dir: Path | None) -> None
 
 @user.command("disable")
 @click.argument("name")
-@_data_dir
+@data_dir_option()
 def disable_user(name: str, data_dir: Path | None) -> None:
     """Let a user log in no more."""
     with _people(data_dir) as people:
@@ -93,7 +91,7 @@ def disable_user(name: str, data_dir: Path | None) -> None:
 
 
 @user.command("list")
-@_data_dir
+@data_dir_option()
 @json_option
 def list_users(data_dir: Path | None, as_json: bool) -> None:
     """List all users."""
@@ -118,7 +116,7 @@ def key() -> None:
 @click.option("--axis", "axes", multiple=True, help="For these axes only; may be repeated.")
 @click.option("--days", type=click.IntRange(1, 3650), default=365, show_default=True, help="Until it expires.")
 @click.option("--never-expires", is_flag=True, help="It holds until it is revoked.")
-@_data_dir
+@data_dir_option()
 def add_key(
     name: str, scopes: tuple[str, ...], axes: tuple[str, ...], days: int, never_expires: bool, data_dir: Path | None
 ) -> None:
@@ -132,7 +130,7 @@ def add_key(
 
 @key.command("revoke")
 @click.argument("number", type=int)
-@_data_dir
+@data_dir_option()
 def revoke_key(number: int, data_dir: Path | None) -> None:
     """Let a key do nothing any more."""
     with _people(data_dir) as people:
@@ -141,7 +139,7 @@ def revoke_key(number: int, data_dir: Path | None) -> None:
 
 
 @key.command("list")
-@_data_dir
+@data_dir_option()
 @json_option
 def list_keys(data_dir: Path | None, as_json: bool) -> None:
     """List all keys, with when they were last used."""

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 import click
 from pydantic import BaseModel
 
-from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.options import json_option, url_option
+from service.cli.output import print_json, print_line, print_table, progress_bar
 from service.cli.remote.client import Client
 from service.json_types import Json, JsonObject
 
@@ -43,7 +44,7 @@ class _Job(BaseModel):
 
 
 @click.command()
-@click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
+@url_option
 @click.option("--axis", required=True, help="Axis whose history is judged anew.")
 @click.option("--calibration", type=click.IntRange(min=1), required=True, help="Number of the calibration to judge by.")
 @click.option("--from", "start", help="First moment that is judged anew (RFC 3339); all that is stored if not given.")

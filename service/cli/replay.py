@@ -9,7 +9,8 @@ import click
 from monitor_core.recording import RejectionReason
 from monitor_core.session import RecordedMeasurements
 from service.cli.inputs.data import DataKind, data_argument, data_of, map_option, opened_session
-from service.cli.output import json_option, print_json, print_line
+from service.cli.options import json_option, url_option
+from service.cli.output import print_json, print_line
 from service.cli.remote.client import Client, MeasurementOutcome
 from service.operations.monitoring.replay import Pace, WindowCounts
 
@@ -17,7 +18,7 @@ from service.operations.monitoring.replay import Pace, WindowCounts
 @click.command()
 @data_argument
 @map_option
-@click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
+@url_option
 @click.option("--axis", required=True, help="Axis to post to; registered with defaults if it is new.")
 @click.option(
     "--speed", type=click.FloatRange(min=0, min_open=True), help="Times real time; as fast as possible if not given."

@@ -9,7 +9,8 @@ from pathlib import Path
 import click
 
 from service.api.retention import RetentionOut, retention_out
-from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.options import data_dir_option, json_option
+from service.cli.output import print_json, print_line, print_table, progress_bar
 from service.clock import now
 from service.operations.purge import Purge
 from service.operations.retention import Rule, rule_of, survey
@@ -18,9 +19,6 @@ from service.store.database import Database
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
 
-_data_dir = click.option(
-    "--data-dir", type=click.Path(path_type=Path, file_okay=False), help="Data of the service (PRELOAD_DATA_DIR)."
-)
 _days = click.option("--days", type=click.IntRange(1, 36500), help="As if PRELOAD_KEEP_RAW_DAYS were this.")
 
 
@@ -46,7 +44,7 @@ def retention() -> None:
 
 @retention.command("show")
 @_days
-@_data_dir
+@data_dir_option()
 @json_option
 def show(days: int | None, data_dir: Path | None, as_json: bool) -> None:
     """Say what is kept and why, what a purge would let go, and what a year brings. Nothing is changed."""
@@ -60,7 +58,7 @@ def show(days: int | None, data_dir: Path | None, as_json: bool) -> None:
 
 @retention.command("run")
 @click.option("--dry-run", is_flag=True, help="Change nothing; say what would be let go.")
-@_data_dir
+@data_dir_option()
 @json_option
 @click.pass_context
 def run(context: click.Context, dry_run: bool, data_dir: Path | None, as_json: bool) -> None:

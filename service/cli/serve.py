@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from service.app import create_app
+from service.cli.options import data_dir_option
 from service.cli.remote.server import Server
 from service.errors import ServiceError
 from service.observability import configure_logging
@@ -19,9 +20,7 @@ from service.settings import Settings
 @click.command()
 @click.option("--host", help="Address to listen on (PRELOAD_HOST; loopback unless set).")
 @click.option("--port", type=int, help="TCP port (PRELOAD_PORT); 0 takes a free one.")
-@click.option(
-    "--data-dir", type=click.Path(path_type=Path, file_okay=False), help="Database and waveforms (PRELOAD_DATA_DIR)."
-)
+@data_dir_option("Database and waveforms")
 @click.option(
     "--replay-dir", type=click.Path(path_type=Path, file_okay=False), help="Recorded sessions (PRELOAD_REPLAY_DIR)."
 )

@@ -18,7 +18,8 @@ from monitor_core.recording import ExcitationSource, Session, Window
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.session_hdf5 import write_session
 from service.cli.inputs.model import NumbersCommand, built_model, effects_option
-from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.options import force_option, json_option
+from service.cli.output import print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target
 from service.json_types import JsonObject
 
@@ -32,7 +33,7 @@ DEFAULTS = SimulationSettings()
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Session file, *.session.h5."
 )
-@click.option("--force", is_flag=True, help="Replace an existing file.")
+@force_option
 @click.option(
     "--position-mm", "positions_mm", type=float, multiple=True, metavar="X…",
     help="Table positions from the fixed bearing, one measurement at each; else the quarter points of the screw.",
