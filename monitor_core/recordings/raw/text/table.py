@@ -98,11 +98,12 @@ def _decoded(path: Path, encoding: str) -> Iterator[str]:
         codec = _CODECS[encoding] if encoding != "utf-16" else utf16_codec(stream.read(_HEAD)) or "utf-16"
         stream.seek(0)
         decoder = codecs.getincrementaldecoder(codec)()
-        with_newlines, n_bytes, content = io.IncrementalNewlineDecoder(decoder, translate=True), 0, b" "
-        while content:
+        with_newlines, n_bytes, ended = io.IncrementalNewlineDecoder(decoder, translate=True), 0, False
+        while not ended:
             content, waiting = stream.read(BLOCK), len(decoder.getstate()[0])
+            ended = len(content) < BLOCK
             try:
-                yield with_newlines.decode(content, final=not content)
+                yield with_newlines.decode(content, final=ended)
             except UnicodeDecodeError as error:
                 byte = f"byte {n_bytes - waiting + error.start} is {error.object[error.start]:#04x}"
                 raise RecordingFormatError(f"{expected}; {byte}") from None
