@@ -57,7 +57,7 @@ def test_the_command_line_is_the_one_that_scripts_were_written_against() -> None
 
 def test_the_list_of_commands_is_complete_and_says_what_each_does() -> None:
     folder = Path(import_module("service.cli").__file__ or "").parent
-    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "main", "output", "targets"}
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "main", "options", "output", "targets"}
     assert {MODULES.get(name, name) for name in COMMANDS} == modules
     for name, sentence in COMMANDS.items():
         command = command_named(name)
