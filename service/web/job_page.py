@@ -1,10 +1,9 @@
 """``/jobs/{job}``: how far long work is and what came of it; it is found again after the page was closed."""
 
-from datetime import datetime
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Form, Response
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter
 
 from service.api.access import needs
 from service.api.jobs import JobOut
@@ -12,20 +11,13 @@ from service.api.services import ServicesOf
 from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import DiscrepancyIn, FoundDiscrepancy
 from service.operations.fields import JobId
-from service.operations.monitoring.rejudged_history import Column
+from service.operations.identification_job import IdentificationIn
+from service.operations.monitoring.rejudged_history import COMPARISON
+from service.operations.monitoring.rejudgements import RejudgementIn
+from service.store.rejudged import KIND as REJUDGEMENT
 from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)
-
-
-class Compared(BaseModel):
-    """What a history says as it stands, and as it would."""
-
-    dry_run: bool
-    same_alarms: bool
-    waveforms_gone: int
-    old: Column
-    new: Column
 
 
 class Joint(BaseModel):
@@ -48,14 +40,6 @@ class Joints(BaseModel):
     model: str
 
 
-class Rejudged(BaseModel):
-    """By which calibration which part was judged again."""
-
-    calibration: int
-    start: datetime | None = None
-    end: datetime | None = None
-
-
 class CancelForm(BaseModel):
     """Whether the list of the system was looked at."""
 
@@ -69,24 +53,16 @@ def job_page(job: JobId, page: PageOf, on: ServicesOf) -> Response:
     return page.show(
         "job.html",
         job=out,
-        compared=_found(out, "rejudgement", Compared),
-        asked=Rejudged.model_validate(_aliased(out)) if out.kind == "rejudgement" else None,
-        in_force=None if out.kind != "rejudgement" or out.axis is None else on.calibrations.overview(out.axis).active,
-        joints=_found(out, "identification", Joints),
-        discrepancy=_found(out, DiscrepancyIn.kind, FoundDiscrepancy),
+        compared=_found(out, REJUDGEMENT, COMPARISON),
+        asked=RejudgementIn.model_validate(out.arguments) if out.kind == REJUDGEMENT else None,
+        in_force=None if out.kind != REJUDGEMENT or out.axis is None else on.calibrations.overview(out.axis).active,
+        joints=_found(out, IdentificationIn.kind, TypeAdapter(Joints)),
+        discrepancy=_found(out, DiscrepancyIn.kind, TypeAdapter(FoundDiscrepancy)),
     )
 
 
-def _aliased(job: JobOut) -> dict[str, object]:
-    asked = job.arguments
-    return {"calibration": asked["calibration"], "start": asked.get("from"), "end": asked.get("to")}
-
-
-Result = type[Compared] | type[Joints] | type[FoundDiscrepancy]
-
-
-def _found(job: JobOut, kind: str, result: Result) -> BaseModel | None:
-    return result.model_validate(job.result) if job.kind == kind and job.status == "done" else None
+def _found(job: JobOut, kind: str, result: TypeAdapter[Any]) -> object:
+    return result.validate_python(job.result) if job.kind == kind and job.status == "done" else None
 
 
 @router.post("/jobs/{job}/cancel", dependencies=[needs(Scope.REPLAYS_RUN)])

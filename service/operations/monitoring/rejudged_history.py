@@ -205,15 +205,20 @@ def _changed(stored: Sequence[StoredWindow], refusals: dict[datetime, Rejection 
 
 
 @dataclass(frozen=True, slots=True)
-class Swapped:
-    """How an axis stood and stands now, side by side."""
+class Comparison:
+    """How an axis stood and stands, or would stand, side by side."""
 
+    dry_run: bool
+    same_alarms: bool
+    waveforms_gone: int  # measurements that stand as they were judged before
     old: Column
     new: Column
-    n_gone: int  # measurements that stand as they were judged before
 
 
-def swap(connection: Connection, anew: Anew, axis: AxisRecord, span: Span, reason: str) -> Swapped:
+COMPARISON = TypeAdapter(Comparison)
+
+
+def swap(connection: Connection, anew: Anew, axis: AxisRecord, span: Span, reason: str, *, dry_run: bool) -> Comparison:
     """Let everything that was kept aside stand: values, trend, charts, alarms, counts, and the calibration in force.
 
     Epochs that an inspection or maintenance began begin where they did; before the span everything stays as it is.
@@ -243,7 +248,9 @@ def swap(connection: Connection, anew: Anew, axis: AxisRecord, span: Span, reaso
     )
     intake.save_charts(connection, axis, before, charts)
     new_points = points_within(connection, axis.number, span)
-    return Swapped(old, column_of(connection, axis, span, new_points, charts.state), n_gone)
+    new = column_of(connection, axis, span, new_points, charts.state)
+    same_alarms = (old.n_alarms, old.alarms_at) == (new.n_alarms, new.alarms_at)
+    return Comparison(dry_run, same_alarms, n_gone, old, new)
 
 
 def _stored(

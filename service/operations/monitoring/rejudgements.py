@@ -7,7 +7,7 @@ of it takes the place of the old history in one transaction. A job that was inte
 from collections.abc import Iterator
 from typing import Annotated
 
-from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic import ConfigDict, Field
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
@@ -17,7 +17,7 @@ from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.fields import Moment, RequestModel, Text
 from service.operations.monitoring.axis_configuration import load_configuration
-from service.operations.monitoring.rejudged_history import Anew, Column, Swapped, judged_anew, swap
+from service.operations.monitoring.rejudged_history import COMPARISON, Anew, Comparison, judged_anew, swap
 from service.store import calibrations, intake, rejudged
 from service.store.axes import get_axis
 from service.store.database import Database, reading, trying, writing
@@ -46,9 +46,6 @@ class RejudgementIn(RequestModel):
     def span(self) -> Span:
         """The part of the history."""
         return Span(self.start, self.end)
-
-
-_COLUMN = TypeAdapter(Column)
 
 
 class Rejudgements:
@@ -136,35 +133,27 @@ class Rejudgements:
             with self._database.connect() as connection:
                 if asked.dry_run:
                     with trying(connection):
-                        swapped = self._swapped(connection, job, anew, asked)
+                        comparison = self._swapped(connection, job, anew, asked)
                     with writing(connection):
-                        self._end(connection, job, swapped, asked)
+                        self._end(connection, job, comparison, asked)
                 else:
                     with self._database.at_axes(connection, [job.axis_id], wait=True), writing(connection):
-                        swapped = self._swapped(connection, job, anew, asked)
-                        self._end(connection, job, swapped, asked)
+                        comparison = self._swapped(connection, job, anew, asked)
+                        self._end(connection, job, comparison, asked)
 
-    def _swapped(self, connection: Connection, job: JobHandle, anew: Anew, asked: RejudgementIn) -> Swapped:
+    def _swapped(self, connection: Connection, job: JobHandle, anew: Anew, asked: RejudgementIn) -> Comparison:
         axis = intake.read_axis(connection, job.axis_id)
         if rejudged.left_to_judge(connection, anew.job_id, axis.id, asked.span, after=None, limit=1):
             raise BusyError("another process took windows of this axis at this moment")
-        return swap(connection, anew, axis, asked.span, asked.reason)
+        return swap(connection, anew, axis, asked.span, asked.reason, dry_run=asked.dry_run)
 
     @staticmethod
-    def _end(connection: Connection, job: JobHandle, swapped: Swapped, asked: RejudgementIn) -> None:
+    def _end(connection: Connection, job: JobHandle, comparison: Comparison, asked: RejudgementIn) -> None:
         """Store the answer in the transaction of the work: it is done with it, or neither is."""
         _, total = rejudged.progress_of(connection, job.job_id, job.axis_id, asked.span)
         rejudged.forget_staged(connection, job.job_id)
-        old, new = swapped.old, swapped.new
-        comparison: JsonObject = {
-            "dry_run": asked.dry_run,
-            "same_alarms": (old.n_alarms, old.alarms_at) == (new.n_alarms, new.alarms_at),
-            "waveforms_gone": swapped.n_gone,
-            "old": _COLUMN.dump_python(old, mode="json"),
-            "new": _COLUMN.dump_python(new, mode="json"),
-        }
         with Session(connection) as session:
-            job.conclude_within(session, total, comparison)
+            job.conclude_within(session, total, COMPARISON.dump_python(comparison, mode="json"))
 
     def _forget_if_cancelled(self, job_id: str) -> None:
         with self._database.write() as session:
