@@ -143,6 +143,21 @@ def test_it_says_what_a_new_service_says_byte_for_byte(service: Api, under_secon
     assert as_bytes(said_of(service)) == as_bytes(before)
 
 
+def test_one_that_ended_as_the_service_did_is_not_done_twice(under_first: Path, tmp_path: Path) -> None:
+    """Everything stands with its comparison; only that the job is done was not stored any more."""
+    shutil.copytree(under_first, tmp_path / "var")
+    with running_service(tmp_path / "var") as api:
+        job = ended(api, start(api, calibration=2))
+        stands = said_of(api)
+    with closing(sqlite3.connect(tmp_path / "var" / "preload.db")) as database:
+        database.execute("UPDATE jobs SET status = 'running' WHERE id = ?", (job["id"],))
+        database.commit()
+    with running_service(tmp_path / "var") as api:
+        again = ended(api, job)
+        assert (again["status"], again["result"]) == ("done", job["result"])
+        assert as_bytes(said_of(api)) == as_bytes(stands)
+
+
 def test_a_dry_run_compares_and_changes_nothing(service: Api) -> None:
     before, etag = said_of(service), service.http.get(f"/v1/axes/{AXIS}/trend").headers["etag"]
     job = ended(service, start(service, calibration=2, dry_run=True))
