@@ -17,7 +17,7 @@ from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import model_file_text, read_model_file
-from service.report import explanation_markdown
+from service.report.markdown import explanation_markdown
 
 REPLAY_DATA = Path(__file__).resolve().parent.parent / "replay_data"
 #: Joints of this kind are known to some 30 %.

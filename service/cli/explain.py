@@ -44,8 +44,8 @@ from service.cli.options import json_option
 from service.cli.output import print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target, require_target_folder
 from service.documents.explanation import explanation_document
-from service.report import write_report
 from service.report.content import Cell, EffectContent, ReportContent, report_content
+from service.report.explanation_files import write_report
 
 #: How many places of misfit, and how many effects that were not found, a person is shown; the report has all.
 _MOST_PLACES, _MOST_CANDIDATES = 3, 5

@@ -5,14 +5,11 @@ What was measured are stored measurements of the axis, or peaks that come with t
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, ClassVar, Generic, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.axis import AxisDescription
-from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.measured_responses import SessionResponses, responses_of_windows
 from monitor_core.models import DriveConditions
 from monitor_core.recordings.elements.units import metres
 from service.errors import UnknownResourceError
@@ -29,6 +26,11 @@ from service.store.jobs import ReportStore
 from service.store.retention import require_stored
 from service.store.tables import JobRow, MeasurementRow
 from service.store.waveforms import WaveformStore
+
+if TYPE_CHECKING:
+    from monitor_core.fitting.axis import AxisDescription
+    from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+    from monitor_core.measured_responses import SessionResponses
 
 
 class MeasurementRange(BaseModel):
@@ -52,8 +54,10 @@ class PeakIn(BaseModel):
     preload_n: Annotated[Number, Field(gt=0, le=1e7)] | None = None
     payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
 
-    def to_core(self) -> ModalObservation:
+    def to_core(self) -> "ModalObservation":
         """Return the core's record, in SI units."""
+        from monitor_core.fitting.observations import ModalObservation  # noqa: PLC0415  # a start pays for no analysis
+
         return ModalObservation(
             DriveConditions(metres(self.position_mm), self.preload_n, self.payload_kg or 0.0),
             self.frequency_hz,
@@ -72,7 +76,7 @@ AccelerometerPlace = Annotated[
 class Measured:
     """What was measured of an axis, and what was settled on the way, in sentences."""
 
-    observations: tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]
+    observations: "tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]"
     assumptions: tuple[str, ...] = ()
 
 
@@ -107,7 +111,7 @@ class AnalysisArguments(BaseModel):
             raise ValueError("accelerometer goes with measurements; peaks are of the table")
         return self
 
-    def axis(self) -> AxisDescription:
+    def axis(self) -> "AxisDescription":
         """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
         raise NotImplementedError
 
@@ -136,11 +140,13 @@ MOST_MEASUREMENTS = 200
 
 def axis_measurements(
     database: Database, waveforms: WaveformStore, axis_id: str, chosen: MeasurementRange
-) -> SessionResponses:
+) -> "SessionResponses":
     """Return the responses of stored measurements.
 
     Raises NotIdentifiableError as :func:`selected_measurements`, or if none of them can be judged.
     """
+    from monitor_core.measured_responses import responses_of_windows  # noqa: PLC0415  # a start pays for no analysis
+
     with database.read() as session:
         configuration = load_configuration(get_axis(session, axis_id).configuration)
     rows = selected_measurements(database, axis_id, chosen)

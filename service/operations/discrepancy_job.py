@@ -1,14 +1,10 @@
 """What the model of an axis lacks, from its stored measurements or from posted peaks: jobs of kind ``discrepancy``."""
 
 import time
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from monitor_core.discrepancy import ExplainOptions, explain, require_explainable
-from monitor_core.fitting.axis import AxisDescription
-from monitor_core.recordings.model_file import model_file_text, parse_model
-from service.documents.explanation import explanation_document
 from service.operations.analysis_job import (
     MOST_LISTED,
     AnalysisArguments,
@@ -17,10 +13,13 @@ from service.operations.analysis_job import (
 )
 from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
-from service.report import explanation_page
 from service.store import jobs
 from service.store.database import Database
 from service.store.tables import JobRow
+
+if TYPE_CHECKING:
+    from monitor_core.discrepancy import ExplainOptions
+    from monitor_core.fitting.axis import AxisDescription
 
 
 class DiscrepancyIn(AnalysisArguments):
@@ -51,16 +50,25 @@ class DiscrepancyIn(AnalysisArguments):
         description="after it the best answer so far is given, partial or unknown, with what was not tried",
     )
 
-    def axis(self) -> AxisDescription:
+    def axis(self) -> "AxisDescription":
         """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
+        from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415  # a start pays for no analysis
+
         return parse_model(self.baseline, "baseline")
 
     def require(self, measured: Measured) -> None:
         """Refuse at once what cannot be explained; raises MonitorCoreError with the reason in one sentence."""
+        from monitor_core.discrepancy import require_explainable  # noqa: PLC0415  # a start pays for no analysis
+
         require_explainable(self.axis(), measured.observations, self._options(measured))
 
     def answer(self, axis_id: str, measured: Measured, report: Report) -> Answer:
         """Explain; the document is the JSON of ``preload explain``, the page its report."""
+        from monitor_core.discrepancy import explain  # noqa: PLC0415  # a start pays for no analysis
+        from monitor_core.recordings.model_file import model_file_text  # noqa: PLC0415
+        from service.documents.explanation import explanation_document  # noqa: PLC0415
+        from service.report.page import explanation_page  # noqa: PLC0415
+
         sentences = [self.first.sentence]
 
         def progress(sentence: str) -> None:
@@ -80,7 +88,9 @@ class DiscrepancyIn(AnalysisArguments):
         title = f"Axis {axis_id} against its {axis.family} model"
         return Answer(explanation_document(explanation, model_text), explanation_page(explanation, model_text, title))
 
-    def _options(self, measured: Measured) -> ExplainOptions:
+    def _options(self, measured: Measured) -> "ExplainOptions":
+        from monitor_core.discrepancy import ExplainOptions  # noqa: PLC0415  # a start pays for no analysis
+
         return ExplainOptions(
             hold_out=self.hold_out, accelerometer=self.accelerometer, assumptions=measured.assumptions
         )

@@ -1,15 +1,11 @@
 """Joints of an axis from its stored measurements or from posted peaks: jobs of kind ``identification``."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from monitor_core.fitting.axis import AxisDescription
-from monitor_core.identification import IdentifyOptions, PredictionRequest, identify, require_identifiable
 from monitor_core.recording import ExcitationSource
-from monitor_core.recordings.model_file import parse_model
 from monitor_core.uncertainty import Estimate
-from service.documents.identification import OBJECTIVES, identification_document
 from service.operations.analysis_job import (
     AnalysisArguments,
     Answer,
@@ -17,6 +13,10 @@ from service.operations.analysis_job import (
 )
 from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
+
+if TYPE_CHECKING:
+    from monitor_core.fitting.axis import AxisDescription
+    from monitor_core.identification import IdentifyOptions, PredictionRequest
 
 
 class PredictionIn(BaseModel):
@@ -33,8 +33,10 @@ class PredictionIn(BaseModel):
     scatter_hz: Annotated[Number, Field(gt=0, le=1e6, description="between measurements of one setting")]
     excitation_source: Literal["sensor", "drive"] = "sensor"
 
-    def to_core(self) -> PredictionRequest:
+    def to_core(self) -> "PredictionRequest":
         """Return the core's record."""
+        from monitor_core.identification import PredictionRequest  # noqa: PLC0415  # a start pays for no analysis
+
         preload = Estimate(self.preload_n, self.preload_standard_uncertainty_n)
         return PredictionRequest(self.mode_hz, preload, self.scatter_hz, ExcitationSource(self.excitation_source))
 
@@ -67,16 +69,23 @@ class IdentificationIn(AnalysisArguments):
     prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
 
-    def axis(self) -> AxisDescription:
+    def axis(self) -> "AxisDescription":
         """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
+        from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415  # a start pays for no analysis
+
         return parse_model(self.model, "model")
 
     def require(self, measured: Measured) -> None:
         """Refuse at once what cannot be identified; raises MonitorCoreError with the reason in one sentence."""
+        from monitor_core.identification import require_identifiable  # noqa: PLC0415  # a start pays for no analysis
+
         require_identifiable(self.axis(), measured.observations, self._options(measured))
 
     def answer(self, axis_id: str, measured: Measured, report: Report) -> Answer:
         """Identify the joints; the document is the JSON of ``preload identify``."""
+        from monitor_core.identification import identify  # noqa: PLC0415  # a start pays for no analysis
+        from service.documents.identification import identification_document  # noqa: PLC0415
+
         del axis_id
         joints = identify(
             self.axis(),
@@ -86,7 +95,10 @@ class IdentificationIn(AnalysisArguments):
         )
         return Answer(identification_document(joints))
 
-    def _options(self, measured: Measured) -> IdentifyOptions:
+    def _options(self, measured: Measured) -> "IdentifyOptions":
+        from monitor_core.identification import IdentifyOptions  # noqa: PLC0415  # a start pays for no analysis
+        from service.documents.identification import OBJECTIVES  # noqa: PLC0415
+
         return IdentifyOptions(
             hold_out=self.hold_out,
             limits=self.limits,

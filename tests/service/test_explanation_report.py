@@ -41,8 +41,10 @@ from monitor_core.fitting.comparison import Panel
 from monitor_core.uncertainty import Estimate
 from service.documents.explanation import explanation_document
 from service.documents.explanation_sentences import KEYS, NAMES, place_sentence, quoted_name, row_label, step_sentence
-from service.report import explanation_markdown, explanation_page, write_report
 from service.report.charts import POINTS
+from service.report.explanation_files import write_report
+from service.report.markdown import explanation_markdown
+from service.report.page import explanation_page
 from service.report.rounding import compared_with_stated, quantity, ratio_with_uncertainty, with_uncertainty
 from service.report.svg import Axis, axis_over, decimated, element
 from service.report.verdict import asides, headline

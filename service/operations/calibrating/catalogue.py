@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from monitor_core import AxisDescription
 from monitor_core.models import MotorEnd
 from monitor_core.models.catalogue import (
     BearingArrangement,
@@ -17,7 +16,6 @@ from monitor_core.models.catalogue import (
     expected_mode,
 )
 from monitor_core.recordings.elements.units import metres
-from monitor_core.recordings.model_file import model_file_text
 from service.operations.fields import RequestModel
 
 _USUAL = CatalogueData()
@@ -73,6 +71,9 @@ def axis_proposal(data: CatalogueIn) -> AxisProposal:
 
     Raises OutsideValidityError in one sentence if no such axis can be.
     """
+    from monitor_core import AxisDescription  # noqa: PLC0415  # a start pays for no analysis
+    from monitor_core.recordings.model_file import model_file_text  # noqa: PLC0415
+
     core = data.to_core()
     drive = drive_from_catalogue(core)
     end = MotorEnd.PRESCRIBED if data.excitation_source == "sensor" else MotorEnd.FREE

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field
 
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
-from monitor_core.identification import readings_expected_of
 from monitor_core.models.catalogue import NutKind
 from monitor_core.preload import (
     CalibrationPlan,
@@ -23,7 +22,6 @@ from monitor_core.preload import (
 from monitor_core.recording import Conditions, ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_from_document
 from monitor_core.recordings.elements.units import metres, to_millimetres
-from monitor_core.recordings.model_file import parse_model
 from service.operations.fields import RequestModel
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.store import calibrations, measurements
@@ -170,6 +168,9 @@ def _from_model(
 def _expected_of_model(
     text: str, band: tuple[float, float], places: tuple[float, ...], preloads: tuple[float, ...], source: str
 ) -> ExpectedReadings:
+    from monitor_core.identification import readings_expected_of  # noqa: PLC0415  # a start pays for no analysis
+    from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415
+
     axis = parse_model(text, "drive_model")
     at = tuple(metres(place) for place in places)
     return readings_expected_of(axis.build(), band, (at, preloads), ExcitationSource(source))
@@ -189,4 +190,6 @@ def _rated(configuration: AxisConfiguration) -> float | None:
 
 @lru_cache(maxsize=64)
 def _parameters(text: str) -> dict[str, float]:
+    from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415  # a start pays for no analysis
+
     return dict(parse_model(text, "drive_model").parameters)

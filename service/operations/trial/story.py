@@ -17,9 +17,7 @@ from zlib import crc32
 import numpy as np
 
 from monitor_core.models import DriveConditions, DriveModel
-from monitor_core.models.generator import GuideFriction, RampMoves, SimulationSettings, simulate_measurements
 from monitor_core.recording import Window
-from monitor_core.recordings.model_file import parse_model
 
 #: One measurement every second day; more would say the same, and take longer to simulate.
 EVERY: Final = timedelta(days=2)
@@ -170,11 +168,20 @@ def machine_text() -> str:
 
 @cache
 def _machine() -> DriveModel:
+    from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415  # a start pays for no analysis
+
     return replace(parse_model(machine_text(), MACHINE.name), effects=_SOFTENING).build()
 
 
 def measurements_of(readings: Sequence[Reading]) -> Iterator[list[Window]]:
     """Yield the windows of each reading; the same ones whenever they are asked for."""
+    from monitor_core.models.generator import (  # noqa: PLC0415
+        GuideFriction,
+        RampMoves,
+        SimulationSettings,
+        simulate_measurements,
+    )
+
     mean = float(np.mean([reading.preload for reading in readings]))
     settings = SimulationSettings(
         windows_per_measurement=N_WINDOWS,
