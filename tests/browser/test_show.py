@@ -63,7 +63,7 @@ def test_an_alarm_of_a_replay_is_seen_everywhere_within_two_seconds(states: Path
         expect(page.locator("#state")).to_contain_text("normal")
         on_the_wall = wall.locator(".tiles li", has=wall.locator("a[href='/axes/normal']"))
         expect(on_the_wall).to_have_class("normal")
-        with httpx.Client(base_url=server.url, trust_env=False) as http:
+        with httpx.Client(base_url=server.url, trust_env=False, timeout=60.0) as http:
             http.post("/v1/axes/normal/replays", json={"session": "wear"}).raise_for_status()
             expect(page.locator("#state")).to_contain_text("alarm")
             expect(on_the_wall).to_have_class("alarm")

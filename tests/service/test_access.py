@@ -1,6 +1,7 @@
 """Who may do what: every route with every scope left out, keys that are no longer good, guessing, and the log."""
 
 import logging
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
@@ -39,7 +40,7 @@ class Closed:
 
     def browser(self) -> httpx.Client:
         """Return another client, with cookies of its own."""
-        return httpx.Client(base_url=self.http.base_url, trust_env=False)
+        return httpx.Client(base_url=self.http.base_url, trust_env=False, timeout=60.0)
 
     def key(self, *scopes: Scope, axes: tuple[str, ...] | None = None, lasts: timedelta | None = None) -> str:
         """Return the header of a new key."""
@@ -61,7 +62,7 @@ def served(data_dir: Path) -> Iterator[tuple[FastAPI, httpx.Client]]:
         patched.setattr(server, "create_app", lambda _settings: app)
         with (
             server.embedded_service(Settings(data_dir=data_dir, port=0)) as url,
-            httpx.Client(base_url=url, trust_env=False) as http,
+            httpx.Client(base_url=url, trust_env=False, timeout=60.0) as http,
         ):
             yield app, http
 
@@ -175,6 +176,14 @@ def test_people_may_do_what_their_role_says(closed: Closed, role: str) -> None:
             assert (status != 403) is allowed, (method, template)
         assert http.post("/logout").status_code == 303
         assert http.get("/v1/axes").status_code == 401
+
+
+def test_who_may_see_the_page_of_the_api_gets_what_it_is_drawn_with(closed: Closed) -> None:
+    key = closed.key(Scope.TRENDS_READ)
+    page = closed.http.get("/docs", headers={"authorization": key}).text
+    assets = re.findall(r'(?:src|href)="(/[^"]+)"', page)
+    assert len(assets) == 4
+    assert [closed.status("GET", asset, key) for asset in assets] == [200] * 4
 
 
 def test_who_is_not_logged_in_is_led_to_the_login_and_back(closed: Closed) -> None:

@@ -196,13 +196,14 @@ def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_pat
             stack.enter_context(service(name, database, tmp_path)) for name in ("preload-1", "preload-2")
         )
         here = [f"http://127.0.0.1:{port}/v1/axes/mill" for port in (first, second)]
-        assert httpx.get(here[0], trust_env=False).status_code == 401  # whoever reaches the proxy reaches the service
+        # whoever reaches the proxy reaches the service
+        assert httpx.get(here[0], trust_env=False, timeout=60.0).status_code == 401
         key = key_of(environment_of("preload-1", database, tmp_path))
         for port, name in ((first, "preload-1"), (second, "preload-2")):  # a new key holds within two seconds
             address = f"http://127.0.0.1:{port}/v1/axes"
             wait_until(lambda address=address: answers(address, headers=key), tmp_path / f"{name}.log")
-        httpx.put(here[0], json={"name": "mill"}, headers=key, trust_env=False).raise_for_status()
-        assert httpx.get(here[1], headers=key, trust_env=False).status_code == 200
+        httpx.put(here[0], json={"name": "mill"}, headers=key, trust_env=False, timeout=60.0).raise_for_status()
+        assert httpx.get(here[1], headers=key, trust_env=False, timeout=60.0).status_code == 200
         caddy = shutil.which("caddy")
         if caddy is None:
             pytest.skip("the services run; the proxy was not tried, because caddy is not installed")
@@ -223,10 +224,10 @@ def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_pat
         root = tmp_path / "data" / "caddy" / "pki" / "authorities" / "local" / "root.crt"
         trusted, address = ssl.create_default_context(cafile=str(root)), f"https://localhost:{https}/v1/axes/mill"
         wait_until(lambda: answers(address, verify=trusted, headers=key), log)
-        redirect = httpx.get(f"http://localhost:{http}/v1/axes", trust_env=False)
+        redirect = httpx.get(f"http://localhost:{http}/v1/axes", trust_env=False, timeout=60.0)
         assert redirect.headers["location"].startswith("https://localhost")
         with pytest.raises(httpx.ConnectError):
-            httpx.get(address, trust_env=False)  # by an authority that nobody knows
+            httpx.get(address, trust_env=False, timeout=60.0)  # by an authority that nobody knows
         dying.kill()
         for _ in range(20):
             got = httpx.get(address, verify=trusted, headers=key, trust_env=False, timeout=5.0)

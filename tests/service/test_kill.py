@@ -190,7 +190,7 @@ def kill_again_and_again(
         stored = stored_windows(data_dir, "posted")
         assert acknowledged <= set(stored)
         assert len(stored) == len(set(stored))
-        job = httpx.get(f"{server.url}/v1/jobs/{job_id}", trust_env=False).json()
+        job = httpx.get(f"{server.url}/v1/jobs/{job_id}", trust_env=False, timeout=60.0).json()
         assert progress <= job["done"] <= len(stored_windows(data_dir, "replayed"))
         progress = job["done"]
         kills_of_job += job["status"] != "done"

@@ -419,7 +419,7 @@ def test_while_the_service_is_away_the_broker_keeps_the_windows(
     port, windows = free_port(), measurement(12)
     server = start_server(tmp_path / "var", port)
     server.wait_until_up()
-    with httpx.Client(base_url=server.url, trust_env=False) as http:
+    with httpx.Client(base_url=server.url, trust_env=False, timeout=60.0) as http:
         Api(http, tmp_path / "var").register("axis", windows_per_measurement=50)
     start_gateway(mosquitto, server.url)
     client = Client(mosquitto)

@@ -766,7 +766,7 @@ def test_kill_at_any_moment_loses_no_recording_that_was_answered(
         server.wait_until_up()
         if number < 3:
             time.sleep(0.05 * number)
-            found = httpx.get(f"{server.url}/v1/jobs/{job['id']}", trust_env=False).json()
+            found = httpx.get(f"{server.url}/v1/jobs/{job['id']}", trust_env=False, timeout=60.0).json()
             assert found["done"] >= progress
             progress = found["done"]
             server.process.kill()

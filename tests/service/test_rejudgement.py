@@ -277,7 +277,7 @@ def test_it_goes_on_after_kill_9(
     for is_time in (lambda: True, is_half_way, lambda: True):  # before anything, half way, and at once after it
         server = fork_server(tmp_path / "var", port)
         server.wait_until_up()
-        with httpx.Client(base_url=server.url, trust_env=False) as http:
+        with httpx.Client(base_url=server.url, trust_env=False, timeout=60.0) as http:
             job = job or start(Api(http, tmp_path / "var"), calibration=2)
             while not is_time():
                 assert http.get(f"/v1/jobs/{job['id']}").json()["status"] in ("queued", "running")
@@ -286,7 +286,7 @@ def test_it_goes_on_after_kill_9(
     assert n_aside() > 0
     server = fork_server(tmp_path / "var", port)
     server.wait_until_up()
-    with httpx.Client(base_url=server.url, trust_env=False) as http:
+    with httpx.Client(base_url=server.url, trust_env=False, timeout=60.0) as http:
         api = Api(http, tmp_path / "var")
         assert job is not None
         assert ended(api, job)["status"] == "done"

@@ -35,8 +35,8 @@ def store_url(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
         ("AWS_DEFAULT_REGION", "us-east-1"),
     ):
         monkeypatch.setenv(name, value)
-    httpx.post(f"{url}/moto-api/reset", trust_env=False).raise_for_status()
-    httpx.put(f"{url}/{BUCKET}", trust_env=False).raise_for_status()
+    httpx.post(f"{url}/moto-api/reset", trust_env=False, timeout=60.0).raise_for_status()
+    httpx.put(f"{url}/{BUCKET}", trust_env=False, timeout=60.0).raise_for_status()
     yield url
     running.stop()
 
@@ -103,7 +103,7 @@ def test_store_that_does_not_take_a_window_is_503_and_nothing_is_stored(
         httpx.delete(f"{store_url}/{BUCKET}", trust_env=False).raise_for_status()
         problem = assert_problem(api.post("axis", windows), 503, "storage-failed")
         assert "bucket" in problem["detail"]
-        httpx.put(f"{store_url}/{BUCKET}", trust_env=False).raise_for_status()
+        httpx.put(f"{store_url}/{BUCKET}", trust_env=False, timeout=60.0).raise_for_status()
         assert api.accept("axis", windows)["accepted"] == 2
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")  # nobody listens
     store = WaveformStore(ObjectFiles(URL))
