@@ -196,7 +196,6 @@ def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, li
     reports = ReportStore(settings.data_dir)
     receivers, trend = read_receivers(settings.receivers_file), Trend(database)
     rule = rule_of(settings)
-    calibrations = Calibrations(database, waveforms)
     runner.work |= {CHECK: uploads.check, IMPORT: uploads.run}
     services = Services(
         database=database,
@@ -207,8 +206,8 @@ def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, li
         ingest=ingest,
         trend=trend,
         history=History(database),
-        calibrations=calibrations,
-        calibration_jobs=CalibrationJobs(database, waveforms, calibrations, runner),
+        calibrations=Calibrations(database, waveforms),
+        calibration_jobs=CalibrationJobs(database, waveforms, runner),
         rejudgements=Rejudgements(database, waveforms, runner),
         alarms=Alarms(database),
         changes=Changes(database),

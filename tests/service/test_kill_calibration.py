@@ -16,7 +16,6 @@ from sqlalchemy import event
 
 from service.jobs import JobRunner
 from service.operations.calibrating.fit_job import KIND, CalibrationJobs
-from service.operations.monitoring.calibrations import Calibrations
 from service.store.database import Database
 from service.store.tables import JobRow
 from service.store.waveforms import WaveformStore
@@ -54,7 +53,7 @@ def fit_until(data_dir: Path, step: int, counted: Any) -> None:
     for moment in ("before_cursor_execute", "after_cursor_execute", "commit"):
         event.listen(database.engine, moment, reached)
     runner = JobRunner(database, work, 1)
-    fits = CalibrationJobs(database, waveforms, Calibrations(database, waveforms), runner)
+    fits = CalibrationJobs(database, waveforms, runner)
     work[KIND] = fits.run
     runner.resume()
     while left(data_dir)[0][0] in ("queued", "running"):

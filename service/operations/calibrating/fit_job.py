@@ -12,7 +12,7 @@ from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.fields import Moment, RequestModel
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
-from service.operations.monitoring.calibrations import Calibrations, add_calibration, nothing_to_fit
+from service.operations.monitoring.calibrations import add_calibration, fitted_to, nothing_to_fit
 from service.operations.monitoring.stored_modes import measured_modes
 from service.store import jobs, measurements
 from service.store.axes import get_axis
@@ -57,12 +57,9 @@ class _Result(BaseModel):
 class CalibrationJobs:
     """Fits calibrations in the background."""
 
-    def __init__(
-        self, database: Database, waveforms: WaveformStore, calibrations: Calibrations, runner: JobRunner
-    ) -> None:
+    def __init__(self, database: Database, waveforms: WaveformStore, runner: JobRunner) -> None:
         self._database = database
         self._waveforms = waveforms
-        self._calibrations = calibrations
         self._runner = runner
         runner.work[KIND] = self.run
 
@@ -111,7 +108,7 @@ class CalibrationJobs:
             job.report(done, total, {})
             measured += [(row.id, modal) for modal in measured_modes(self._database, self._waveforms, settings, [row])]
         job.report(len(rows), total, {})
-        fitted = self._calibrations.fitted_to(job.axis_id, [modal for _, modal in measured], None, prior=prior)
+        fitted = fitted_to(job.axis_id, settings, [modal for _, modal in measured], None, prior=prior)
         readings = [_reading(number, modal, fitted) for number, modal in measured]
 
         def stored(session: Session) -> JsonObject:

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import calibrate_from_measurements
+from monitor_core.pipeline import AxisSettings, calibrate_from_measurements
 from monitor_core.preload import (
     Calibration,
     CoefficientPrior,
@@ -21,13 +21,13 @@ from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
 from service.json_types import JsonObject
-from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
+from service.operations.monitoring.axis_configuration import core_settings, load_configuration
 from service.operations.monitoring.intake.epochs import begin_by_calibration
 from service.operations.monitoring.stored_modes import measured_modes
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
 from service.store.database import Database
-from service.store.tables import ActivationRow, AxisRow, CalibrationRow
+from service.store.tables import ActivationRow, CalibrationRow
 from service.store.waveforms import WaveformStore
 
 
@@ -64,29 +64,9 @@ class Calibrations:
         with self._database.read() as session:
             axis = get_axis(session, axis_id)
             rows = measurements.calibration_measurements(session, axis_id, *span)
-        settings = core_settings(_configuration(axis))
+        settings = core_settings(load_configuration(axis.configuration))
         measured = list(measured_modes(self._database, self._waveforms, settings, rows))
-        return self._store(axis_id, self.fitted_to(axis_id, measured, weighting, prior=prior), comment)
-
-    def fitted_to(
-        self,
-        axis_id: str,
-        measured: Sequence[ModalMeasurement],
-        weighting: str | None,
-        *,
-        prior: JsonObject | None = None,
-    ) -> Calibration:
-        """Fit to measured modes, and store nothing yet.
-
-        Raises NotIdentifiableError if they do not determine the coefficients.
-        """
-        with self._database.read() as session:
-            settings = core_settings(_configuration(get_axis(session, axis_id)))
-        if not measured:
-            raise nothing_to_fit(axis_id)
-        return calibrate_from_measurements(
-            measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=_prior(prior)
-        )
+        return self._store(axis_id, fitted_to(axis_id, settings, measured, weighting, prior=prior), comment)
 
     def fit_readings(
         self,
@@ -99,7 +79,7 @@ class Calibrations:
     ) -> CalibrationRow:
         """Fit to the rows of a modal table; they are taken to be of the excitation source that the axis states."""
         with self._database.read() as session:
-            configuration = _configuration(get_axis(session, axis_id))
+            configuration = load_configuration(get_axis(session, axis_id).configuration)
         stated = all(reading.frequency_std is not None for reading in readings)
         fitted = calibrate(
             readings,
@@ -151,6 +131,25 @@ class Calibrations:
             return add_calibration(session, axis_id, calibration, comment)
 
 
+def fitted_to(
+    axis_id: str,
+    settings: AxisSettings,
+    measured: Sequence[ModalMeasurement],
+    weighting: str | None,
+    *,
+    prior: JsonObject | None = None,
+) -> Calibration:
+    """Fit to measured modes, and store nothing yet.
+
+    Raises NotIdentifiableError if they do not determine the coefficients.
+    """
+    if not measured:
+        raise nothing_to_fit(axis_id)
+    return calibrate_from_measurements(
+        measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=_prior(prior)
+    )
+
+
 def add_calibration(session: Session, axis_id: str, calibration: Calibration, comment: str) -> CalibrationRow:
     """Store a calibration for review; raises UnknownResourceError if the axis is gone."""
     get_axis(session, axis_id)
@@ -171,7 +170,3 @@ def nothing_to_fit(axis_id: str) -> NotIdentifiableError:
 
 def _prior(document: JsonObject | None) -> CoefficientPrior | None:
     return None if document is None else prior_from_calibration(calibration_from_document(document), "a calibration")
-
-
-def _configuration(axis: AxisRow) -> AxisConfiguration:
-    return load_configuration(axis.configuration)

@@ -175,24 +175,18 @@ class Batch:
     def receipt(self, post: Post, settled: Settled | None) -> IngestReceipt:
         """Return the answer to one of the requests; a window that stands in two is already there in the second."""
         said = self._said_before | ({} if settled is None else settled.measurements)
-        refusals = {item.window.started_at: item for item in self._admission.admitted}
+        admitted = {item.window.started_at: item for item in self._admission.admitted}
         receipts = []
         for window in post.windows:
-            item = refusals.get(window.started_at)
-            if window.started_at in self._healed:
-                self._healed.discard(window.started_at)
-                receipts.append(
-                    WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE, *RESTORED)
-                )
-            elif item is None or self._new.pop(window.started_at, None) is None:
-                receipts.append(WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE))
-            elif item.refusal is None:
-                receipts.append(WindowReceipt(window.started_at, window.measurement, WindowStatus.ACCEPTED))
-            else:
-                reason, detail = str(item.refusal.reason), item.refusal.detail
-                receipts.append(
-                    WindowReceipt(window.started_at, window.measurement, WindowStatus.REFUSED, reason, detail)
-                )
+            start, status, why = window.started_at, WindowStatus.ALREADY_THERE, tuple[str, ...]()
+            if start in self._healed:
+                self._healed.discard(start)
+                why = RESTORED
+            elif (item := admitted.get(start)) is not None and self._new.pop(start, None) is not None:
+                status = WindowStatus.ACCEPTED
+                if item.refusal is not None:
+                    status, why = WindowStatus.REFUSED, (str(item.refusal.reason), item.refusal.detail)
+            receipts.append(WindowReceipt(start, window.measurement, status, *why))
         named = [measured for name, measured in said.items() if name in post.names]
         return IngestReceipt(tuple(receipts), tuple(sorted(named, key=lambda measured: str(measured.started_at))))
 
