@@ -94,12 +94,12 @@ def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for e
 
 def _without_form(explanation: Explanation) -> str:
     """Say what is there that no law describes."""
-    found = listed([_described_sentence(described) for described in explanation.described])
+    found = listed([described_sentence(described) for described in explanation.described])
     return f" {found[0].upper()}{found[1:]}." if found else ""
 
 
 def _described(explanation: Explanation, names: str) -> str:
-    found = listed([_described_sentence(described) for described in explanation.described])
+    found = listed([described_sentence(described) for described in explanation.described])
     besides = f"The model lacks {names}, and besides:" if explanation.effects else "No name fits, but this holds:"
     return f"{besides} {found}; with it {_gap_sentence(explanation)}."
 
@@ -310,7 +310,7 @@ _VARIABLES: Final = {
 }
 
 
-def _described_sentence(found: Described) -> str:
+def described_sentence(found: Described) -> str:
     """Return what varies where, with what and by which law; or what swings there; or that no law says how."""
     others = " or ".join(alternative_sentence(other, NAMES) for other in found.alternatives)
     or_else = f" (or {others}, which these data do not distinguish)" if others else ""

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from service.report.description import described_sentence
 
 from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy import AMPLITUDE_LAW, Outcome
@@ -24,6 +23,7 @@ from monitor_core.fitting.comparison import Setting
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from service.documents.explanation_sentences import next_measurement, quoted_name
+from service.report.verdict import described_sentence
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import draw_case

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from service.report.description import described_sentence
 
 from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, following_excitation
 from monitor_core.discrepancy.description.variation import QUANTITIES, contacts_for, hung_elsewhere
@@ -23,6 +22,7 @@ from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.families import build_model
 from monitor_core.recordings.effect_file import effect_file_text, read_effect_file
 from monitor_core.recordings.model_file import parse_model
+from service.report.verdict import described_sentence
 from tests.hidden_effects import cases, frf_file
 from tests.hidden_effects.truth import transmission_line
 

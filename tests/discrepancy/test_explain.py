@@ -104,7 +104,7 @@ def test_a_far_bearing_is_named(far_bearing) -> None:
     gap = far_bearing.gap
     assert gap.before.held_out > 20.0 * gap.noise_floor
     assert gap.after.held_out < 1.1 * gap.noise_floor
-    assert [step.effect for step in far_bearing.steps] == ["far-bearing-stiffness"]
+    assert [step.effects for step in far_bearing.steps] == [("far-bearing-stiffness",)]
     assert far_bearing.steps[-1].gap == gap.after
 
 
@@ -372,7 +372,7 @@ def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() 
     (candidate,) = answer.candidates
     assert candidate.key == "quantity-1"
     assert candidate.delta_bic > answer.least_delta_bic
-    assert [step.effect for step in answer.steps] == ["quantity-0"]
+    assert [step.effects for step in answer.steps] == [("quantity-0",)]
 
 
 @pytest.mark.release

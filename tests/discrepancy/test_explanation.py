@@ -67,7 +67,7 @@ def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
 def test_each_step_says_what_it_left() -> None:
     truth = np.array([0.0, 3.0, 1.5])
     answer = explain_comparison(linear(truth), LinearAxis({}, 3), [quantity(1), quantity(2)])
-    assert {step.effect for step in answer.steps} == {"quantity-1", "quantity-2"}
+    assert {step.effects for step in answer.steps} == {("quantity-1",), ("quantity-2",)}
     assert answer.gap.before.fit > answer.steps[0].gap.fit > answer.steps[1].gap.fit == answer.gap.after.fit
     assert math.isnan(answer.gap.after.held_out)
 

@@ -352,7 +352,7 @@ def test_the_size_is_the_rms_over_the_place_and_the_worst_comes_first():
     standardised = misfit(delay=1e-4) + misfit(stiffer=1.02) + rng.standard_normal(RESPONSES.n_values)
     answer = localise(RESPONSES, standardised, SIGNATURES)
     assert [place.kind for place in answer] == [DELAY, STIFFNESS]
-    assert answer[1].where == "band 160..243 Hz"
+    assert where_of(answer[1]) == "band 160..243 Hz"
     own = (RESPONSES.frequency > 155.0) & (RESPONSES.frequency < 250.0)
     assert answer[1].size == pytest.approx(np.sqrt(np.mean(standardised[own] ** 2)))
     assert answer[0].size > answer[1].size
