@@ -183,7 +183,7 @@ def response_document(outcome: MeasurementOutcome) -> JsonObject | None:
 def numbers(values: FloatArray) -> list[float | None]:
     """Return numbers as a list, null for one that is not finite."""
     finite = np.isfinite(values).tolist()
-    return [value if known else None for value, known in zip(values.tolist(), finite, strict=True)]
+    return [value if is_finite else None for value, is_finite in zip(values.tolist(), finite, strict=True)]
 
 
 #: What a chart that raises alarms has found, for a sentence.

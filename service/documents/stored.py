@@ -52,8 +52,8 @@ class StoredRecord(Generic[Record]):
         try:
             record = self.adapter.validate_python(members)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            raise self._refusal(f"at {'/'.join(map(str, first['loc'])) or 'its root'}: {first['msg']}") from error
+            problem = error.errors(include_url=False)[0]
+            raise self._refusal(f"at {'/'.join(map(str, problem['loc'])) or 'its root'}: {problem['msg']}") from error
         written = self.adapter.dump_python(record, mode="json")
         written = {name: value for name, value in written.items() if name in members or name not in self.added}
         if written != members and _members(written) != _members(members):  # alike, as a rule

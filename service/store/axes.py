@@ -50,10 +50,10 @@ def list_axes(session: Session) -> list[AxisRow]:
 
 def axis_with_documents(session: Session, axis_id: str) -> tuple[AxisRow, Documents]:
     """Return an axis without its documents, and their texts; say so if there is none of that name."""
-    found = session.execute(_AS_TEXTS.where(AxisRow.id == axis_id)).one_or_none()
-    if found is None:
+    row_and_texts = session.execute(_AS_TEXTS.where(AxisRow.id == axis_id)).one_or_none()
+    if row_and_texts is None:
         raise _no_axis(axis_id)
-    row, *texts = found
+    row, *texts = row_and_texts
     return row, tuple(texts)
 
 

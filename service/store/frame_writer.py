@@ -180,7 +180,7 @@ def _started(socket_end: int, memory: int) -> "subprocess.Popen[bytes]":
     command = [sys.executable, "-P", "-m", "service.store.frame_process", str(socket_end), str(memory)]
     places = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     # What is blocked here, is so there from the first moment on.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    usual_mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
     try:
         return subprocess.Popen(  # noqa: S603  # our own
             command,
@@ -189,4 +189,4 @@ def _started(socket_end: int, memory: int) -> "subprocess.Popen[bytes]":
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, places))},
         )
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, usual_mask)

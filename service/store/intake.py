@@ -140,8 +140,8 @@ def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
 
 def read_measurements(connection: Connection, axis_id: str, names: Iterable[str]) -> dict[str, MeasurementRecord]:
     """Return the measurements of an axis that have these names, by name."""
-    found = (_NAMED_MEASUREMENT.rows(connection, {"axis_id": axis_id, "name": name}) for name in names)
-    return {row[1]: MeasurementRecord(*row) for rows in found for row in rows}
+    by_name = (_NAMED_MEASUREMENT.rows(connection, {"axis_id": axis_id, "name": name}) for name in names)
+    return {row[1]: MeasurementRecord(*row) for rows in by_name for row in rows}
 
 
 def overdue(connection: Connection, at: datetime) -> list[tuple[str, str]]:
@@ -214,10 +214,10 @@ def save_document(
     _NEW_DOCUMENT.run(connection, {"measurement_id": measurement_id, "outcome": outcome, "response": response})
 
 
-def save_charts(connection: Connection, axis: AxisRecord, before: ChartsRecord, after: ChartsRecord) -> None:
+def save_charts(connection: Connection, axis: AxisRecord, stored: ChartsRecord, charts: ChartsRecord) -> None:
     """Store what changed of where the charts of an axis stand and of what is counted."""
-    names = [name for name in ChartsRecord.__slots__ if getattr(before, name) != getattr(after, name)]
-    columns = {name: getattr(after, name) for name in names}
+    names = [name for name in ChartsRecord.__slots__ if getattr(stored, name) != getattr(charts, name)]
+    columns = {name: getattr(charts, name) for name in names}
     _expect_one(axis, connection.execute(_CHANGE_AXIS, _next_revision(axis, **columns)).rowcount)
 
 

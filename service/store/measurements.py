@@ -52,10 +52,10 @@ def member_places(connection: Session | Connection, measurement_id: int) -> list
     In time order. Raises LetGoError if their waveforms were let go.
     """
     rows = connection.execute(_MEMBERS, {"measurement_id": measurement_id})
-    found = [(WaveformPlace(*row[:4]), bool(row[4])) for row in rows]
-    if any(not place.path for place, _ in found):
+    members = [(WaveformPlace(*row[:4]), bool(row[4])) for row in rows]
+    if any(not place.path for place, _ in members):
         require_stored(connection, [measurement_id])
-    return found
+    return members
 
 
 def calibration_measurements(
@@ -103,11 +103,11 @@ def set_measurements(session: Session, axis: AxisRow) -> list[SetMeasurement]:
         TrendPointRow.at.between(rows[0].started_at, rows[-1].started_at),
         TrendPointRow.set_preload_n.is_not(None),
     )
-    said = {number: rest for number, *rest in session.execute(judged)}
+    judged_by_number = {number: rest for number, *rest in session.execute(judged)}
     return [
         SetMeasurement(
             row.id, row.started_at, row.position_mm, row.set_preload_n, row.status, row.n_accepted,
-            *said.get(row.id, (None,) * 4),
+            *judged_by_number.get(row.id, (None,) * 4),
         )
         for row in rows
         if row.set_preload_n is not None
@@ -163,5 +163,5 @@ def _looked_at(axis_id: str, start: datetime | None = None, end: datetime | None
 def responses_of(session: Session, measurement_ids: Sequence[int]) -> dict[int, JsonObject]:
     """Return the stored frequency responses of measurements; one without is left out."""
     query = select(MeasurementDocumentRow.measurement_id, MeasurementDocumentRow.response)
-    found = session.execute(query.where(MeasurementDocumentRow.measurement_id.in_(measurement_ids)))
-    return {measurement_id: response for measurement_id, response in found if response is not None}
+    stored = session.execute(query.where(MeasurementDocumentRow.measurement_id.in_(measurement_ids)))
+    return {measurement_id: response for measurement_id, response in stored if response is not None}

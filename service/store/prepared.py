@@ -71,10 +71,10 @@ class PreparedSelect(_Prepared):
             convert = self._from_driver[dialect.name] = [
                 (i, own) for i, own in enumerate(processors) if own is not None
             ]
-        found: list[tuple[Any, ...]] = cursor.fetchall()
+        fetched: list[tuple[Any, ...]] = cursor.fetchall()
         if not convert:
-            return found
-        rows = [list(row) for row in found]
+            return fetched
+        rows = [list(row) for row in fetched]
         for row in rows:
             for i, own in convert:
                 row[i] = own(row[i])

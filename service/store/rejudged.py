@@ -104,8 +104,8 @@ def progress_of(connection: Connection, job_id: str, axis_id: str, span: Span) -
 def windows_with_places(connection: Connection, measurement_id: int) -> list[StoredWindow]:
     """Return the windows of a measurement, refused ones included, in time order."""
     query = select(*PLACE, WindowRow.started_at, WindowRow.refusal_reason, WindowRow.refusal_detail)
-    found = connection.execute(query.where(WindowRow.measurement_id == measurement_id).order_by(WindowRow.started_at))
-    return [StoredWindow(WaveformPlace(*row[:4]), *row[4:]) for row in found]
+    rows = connection.execute(query.where(WindowRow.measurement_id == measurement_id).order_by(WindowRow.started_at))
+    return [StoredWindow(WaveformPlace(*row[:4]), *row[4:]) for row in rows]
 
 
 def stage(connection: Connection, records: Sequence[StagedRecord]) -> None:

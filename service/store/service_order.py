@@ -75,10 +75,10 @@ def require_schema(connection: Connection, version: str) -> None:
     cursor.execute(_ENTER)
     cursor.nextset()
     row = cursor.fetchone()
-    found = "none" if row is None else row[0]
-    if found != version:
+    stored = "none" if row is None else row[0]
+    if stored != version:
         raise StorageError(
-            f"the schema of the database is of version {found} now, and this program writes version {version}: a "
+            f"the schema of the database is of version {stored} now, and this program writes version {version}: a "
             "service of another version has upgraded it; stop this one, and start that version here, too"
         )
 

@@ -149,12 +149,12 @@ def read_frame(file: BinaryIO | FileIO, offset: int) -> bytes:
     zstandard.ZstdError if it is none, or not as large as it says.
     """
     file.seek(offset)
-    first = file.read(_AT_ONCE)
-    size = zstandard.get_frame_parameters(first).content_size
+    head = file.read(_AT_ONCE)
+    size = zstandard.get_frame_parameters(head).content_size
     if not 0 < size <= LARGEST_CONTENT_BYTES:
         raise ValueError(f"a frame must say that it holds 1 to {LARGEST_CONTENT_BYTES} bytes; got {size}")
     reader, content = zstandard.ZstdDecompressor().decompressobj(), bytearray()
-    content += reader.decompress(first)
+    content += reader.decompress(head)
     while not reader.eof and (chunk := file.read(_AT_ONCE)):
         content += reader.decompress(chunk)
     return bytes(content)

@@ -68,8 +68,8 @@ class ObjectFiles:
     def sizes(self) -> Iterator[tuple[str, int]]:
         """Yield the objects that there are, with their size [bytes]."""
         with _as_of_a_disk():
-            found = self._store.find(f"{self._root}/{FOLDER}", detail=True)
-        return ((path.removeprefix(f"{self._root}/"), int(entry["size"])) for path, entry in found.items())
+            objects = self._store.find(f"{self._root}/{FOLDER}", detail=True)
+        return ((path.removeprefix(f"{self._root}/"), int(entry["size"])) for path, entry in objects.items())
 
     def close(self) -> None:
         """Do nothing: there is nothing to end."""

@@ -88,8 +88,8 @@ class WaveformStore:
     thread at a time. A store is closed by whoever made it, with the files that it was given.
     """
 
-    def __init__(self, where: Path | WaveformFiles) -> None:
-        self.files: WaveformFiles = FolderFiles(where) if isinstance(where, Path) else where
+    def __init__(self, files: Path | WaveformFiles) -> None:
+        self.files: WaveformFiles = FolderFiles(files) if isinstance(files, Path) else files
         self._writers = ThreadPoolExecutor(max_workers=WRITERS, thread_name_prefix="waveforms")
         self._recent = _RecentWindows(REMEMBERED_BYTES)
 
@@ -143,8 +143,8 @@ class WaveformStore:
             try:
                 return self.read(asked)
             except WaveformDamagedError:
-                before, asked = asked, list(places())
-                if asked == before:
+                previous, asked = asked, list(places())
+                if asked == previous:
                     raise
 
     def read(self, places: Iterable[WaveformPlace]) -> list[Window]:

@@ -196,10 +196,10 @@ def restore(folder: Path, data_dir: Path, done: Done, *, despite_damage: bool = 
     """
     manifest = read_manifest(folder)
     require_empty(data_dir)
-    found = list(damages(folder, manifest))
-    if found and not despite_damage:
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        raise DataFolderError(f"the backup {folder} is damaged: {found[0]}{more}; nothing was restored")
+    wrong = list(damages(folder, manifest))
+    if wrong and not despite_damage:
+        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+        raise DataFolderError(f"the backup {folder} is damaged: {wrong[0]}{more}; nothing was restored")
     try:
         for name in sorted(manifest.files, key=lambda name: name == DATABASE):
             if (folder / name).is_file():
@@ -207,4 +207,4 @@ def restore(folder: Path, data_dir: Path, done: Done, *, despite_damage: bool = 
                 done(name)
     except OSError as error:
         raise StorageError(f"the data folder {data_dir} is not complete, remove it: {error}") from error
-    return manifest, found
+    return manifest, wrong

@@ -55,9 +55,9 @@ class DamagedWindow:
     reason: str
 
 
-def damaged_windows(where: Path | WaveformFiles, places: Iterable[WaveformPlace]) -> Iterator[DamagedWindow]:
-    """Read windows from where they lie, those of a frame together, and yield the ones that are not what was stored."""
-    store = WaveformStore(where)  # a new one, which remembers nothing
+def damaged_windows(files: Path | WaveformFiles, places: Iterable[WaveformPlace]) -> Iterator[DamagedWindow]:
+    """Read windows from files they lie, those of a frame together, and yield the ones that are not what was stored."""
+    store = WaveformStore(files)  # a new one, which remembers nothing
     for _, group in groupby(places, key=lambda place: (place.path, place.offset)):
         frame = list(group)
         try:

@@ -227,8 +227,8 @@ def last_points(connection: Connection) -> dict[int, TrendPoint]:
         _POINTS.c.measurement_id == axes.c.last_measurement_id,
     )
     # from the axes outwards: the database would rather pass all points than look up one of each axis
-    found = connection.execute(select(*_COLUMNS).select_from(axes.outerjoin(_POINTS, same)))
-    return {row.axis_number: TrendPoint(*row) for row in found if row.axis_number is not None}
+    newest = connection.execute(select(*_COLUMNS).select_from(axes.outerjoin(_POINTS, same)))
+    return {row.axis_number: TrendPoint(*row) for row in newest if row.axis_number is not None}
 
 
 def preloads(
@@ -242,9 +242,9 @@ def preloads(
     searched = select(_POINTS.c.at, _POINTS.c.preload_n, _POINTS.c.epoch).where(
         _POINTS.c.axis_number == axis_number, *_within(Span(since))
     )
-    found = searched.order_by(order).limit(MOST_SEARCHED).subquery()
-    query = select(found.c.at, found.c.preload_n).where(found.c.epoch == epoch, found.c.preload_n.is_not(None))
-    chosen = connection.execute(query.order_by(found.c.at.desc() if newest else found.c.at).limit(limit))
+    nearest = searched.order_by(order).limit(MOST_SEARCHED).subquery()
+    query = select(nearest.c.at, nearest.c.preload_n).where(nearest.c.epoch == epoch, nearest.c.preload_n.is_not(None))
+    chosen = connection.execute(query.order_by(nearest.c.at.desc() if newest else nearest.c.at).limit(limit))
     return [preload for _, preload in sorted((at, preload) for at, preload in chosen)]
 
 
