@@ -22,8 +22,7 @@ from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import naming, refusing
-from monitor_core.recordings.elements.hdf5 import attributes, numbered_groups, open_hdf5, write_attributes
-from monitor_core.recordings.elements.hdf5_numbers import column
+from monitor_core.recordings.elements.hdf5 import attributes, column, numbered_groups, open_hdf5, write_attributes
 from monitor_core.recordings.elements.units import (
     excitation_unit,
     is_response_unit,

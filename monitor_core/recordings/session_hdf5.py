@@ -23,13 +23,14 @@ from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausibl
 from monitor_core.recordings.elements.fields import Fields, format_instant
 from monitor_core.recordings.elements.files import naming, refusing, samples_at
 from monitor_core.recordings.elements.hdf5 import (
+    Column,
     attributes,
     attributes_at,
+    column,
     numbered_groups,
     open_hdf5,
     write_attributes,
 )
-from monitor_core.recordings.elements.hdf5_numbers import Column, column
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.session_index import FEWEST_WINDOWS, SessionIndex, read_index, row_of, seal, write_index
 

@@ -2,7 +2,9 @@
 
 import shlex
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from service.cli.output import print_json, print_line, print_table
 from service.cli.targets import require_target
 from service.documents.file_check import json_fact
 from service.json_types import JsonObject
+from service.operations.foreign_file import read_foreign
 
 _TERMINAL = "-"
 _PAGES = (".html", ".htm")
@@ -67,7 +70,7 @@ def check(context: click.Context, file: Path, map_path: Path | None, plot: str |
         raise click.UsageError("--json prints one document and nothing else; give --plot the name of a page")
     require_target(map_path, "channel map", inputs=[file], replaces=False)
     require_target(page, "page", inputs=[file])
-    report = check_file(file)
+    report = read_foreign(partial(_checked, file, map_path is not None or plot is not None), file.name)
     written, n_places = [], 0
     if report.valid and map_path is not None:
         if report.read is None or not report.usable_with_map:
@@ -89,6 +92,12 @@ def check(context: click.Context, file: Path, map_path: Path | None, plot: str |
         if not as_json:
             print_line(f"preload: {' '.join(report.problems[0].split())}", err=True)
         context.exit(2)
+
+
+def _checked(file: Path, with_samples: bool) -> FileReport:
+    """Look at a file; what was read of it is kept only where it is drawn, or a map is written for it."""
+    report = check_file(file)
+    return report if with_samples else replace(report, read=None)
 
 
 def _page_of(file: Path, plot: str | None) -> Path | None:
@@ -118,7 +127,7 @@ def _plotted(file: Path, report: FileReport, page: Path | None) -> list[Path]:
 
 def _channels(file: Path, report: FileReport) -> Sequence[Channel]:
     if report.format == SESSION:
-        return _channels_of_session(file)
+        return read_foreign(partial(_channels_of_session, file), file.name)
     if report.read is None or not report.channels:
         raise click.UsageError(f"--plot draws channels; {file.name} is {KINDS[report.format].what}, which has none")
     return report.read.channels.channels

@@ -87,7 +87,7 @@ BAD = {
     "table.csv": (b"position_mm,frequency\n1,2\n", "modal-table", "expected the column 'frequency_hz'"),
     "cut.tdms": (b"TDSm\x0e\x00", "tdms", "expected a TDMS segment at byte 0"),
     "cut.npz": (b"PK\x03\x04", "npz", "expected a NumPy archive"),
-    "cut.mat": (b"MATLAB 5.0 MAT-file", "mat", "byte order IM or MI"),
+    "cut.mat": (b"MATLAB 5.0 MAT-file", "mat", "expected a MATLAB file"),
     "cut.uff": (b"    -1\n    58\n", "uff58", "the file is cut off"),
     "cut.h5": (b"\x89HDF\r\n\x1a\n", "preload-session", "expected an HDF5 file"),
     "bad.json": (b"{", "preload-calibration", "bad.json"),

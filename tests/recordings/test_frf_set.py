@@ -1,9 +1,6 @@
 """FRF sets: exact round trip, files of other writers, and one scenario for each thing that may be wrong."""
 
 import json
-import random
-import subprocess
-import sys
 import time
 
 import h5py
@@ -23,8 +20,6 @@ from monitor_core.recordings.frf_set import (
     write_frf_set,
 )
 from service.cli.check import check
-from tests.conftest import PROJECT_ROOT
-from tests.recordings.test_damage import damaged
 
 N_LINES = 16
 SECOND = "conditions/0001"
@@ -472,34 +467,6 @@ def test_a_truncated_file_is_refused_and_known_by_its_name(frf_file, share):
     frf_file.write_bytes(content[: int(share * len(content))])
     refusal(frf_file)
     assert check_file(frf_file).format == "preload-frf-set"
-
-
-def test_a_damaged_heap_of_texts_is_refused_before_hdf5_crashes_on_it(frf_file):
-    content = bytearray(frf_file.read_bytes())
-    first_object = content.index(b"GCOL\x01") + 16
-    content[first_object + 8 : first_object + 16] = (2**40).to_bytes(8, "little")
-    frf_file.write_bytes(content)
-    assert "texts are damaged" in refusal(frf_file)
-    assert check_file(frf_file).problems == (refusal(frf_file),)
-
-
-@pytest.mark.release
-def test_damaged_bytes_are_read_or_refused(frf_file, tmp_path):
-    # in a process of its own with limited memory, since HDF5 ends the process on some damaged files
-    folder = tmp_path / "damaged"
-    folder.mkdir()
-    rng = random.Random("frf set")  # noqa: S311  # seeded, so that a failure comes back
-    for number in range(150):
-        (folder / f"{number:03d}").write_bytes(damaged(frf_file.read_bytes(), rng))
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "tests.recordings.test_damage", "frf_set.read_frf_set", str(folder)],
-        cwd=PROJECT_ROOT, capture_output=True, text=True, timeout=240, check=False,
-    )  # fmt: skip
-    assert run.returncode == 0, f"last file {run.stdout.splitlines()[-1:]}: {run.stderr[-2000:]}"
-    outcome = json.loads(run.stdout.splitlines()[-1])
-    assert outcome["read"] + outcome["refused"] == 150
-    assert outcome["refused"] > 15  # damage was done
-    assert outcome["lines"] == 1  # one sentence
 
 
 # ---- preload check ------------------------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
-"""MATLAB files: structures, version 4 in both byte orders, version 7.3, and those that would fill the memory."""
+"""MATLAB files: structures, version 4 in both byte orders, version 7.3, and what is no channel."""
 
 import struct
-import zlib
 
 import h5py
 import numpy as np
@@ -52,9 +51,9 @@ def test_version_4_is_read_in_both_byte_orders_and_all_types(tmp_path, order, ki
 def test_version_4_that_is_cut_off_or_no_matlab_file_is_refused(tmp_path):
     path = tmp_path / "a.mat"
     path.write_bytes(of_version_4(SAMPLES, "x")[:-4])
-    assert "it is cut off" in refusal(mat.read_channels, path)
+    assert "cut off" in refusal(mat.read_channels, path)
     path.write_bytes(bytes([0, 200, 0, 0]) * 50)
-    assert "expected a MATLAB file; got no header of version 4 to 7.3" in refusal(mat.read_channels, path)
+    assert "expected a MATLAB file" in refusal(mat.read_channels, path)
 
 
 @pytest.fixture
@@ -106,29 +105,6 @@ def test_the_same_arrays_in_version_5_and_7_3_are_the_same_channels(version_7_3,
         )
 
 
-def zeros(n_bytes: int) -> bytes:
-    deflate = zlib.compressobj(9)
-    return b"".join([*(deflate.compress(bytes(2**20)) for _ in range(n_bytes // 2**20)), deflate.flush()])
-
-
-def test_a_deflated_array_of_gigabytes_is_refused_by_its_size(tmp_path):
-    head = struct.pack("<4I", 6, 8, 6, 0) + struct.pack("<2I2i", 5, 8, 2**24, 1) + struct.pack("<2H4s", 1, 1, b"x")
-    deflate = zlib.compressobj(9)
-    packed = deflate.compress(struct.pack("<2I", 14, len(head) + 8 + 2**27) + head + struct.pack("<2I", 9, 2**27))
-    packed += b"".join(deflate.compress(bytes(2**20)) for _ in range(128)) + deflate.flush()
-    path = tmp_path / "a.mat"
-    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + struct.pack("<2I", 15, len(packed)) + packed)
-    assert "save it without compression" in refusal(mat.read_channels, path)
-
-
-def test_a_chunk_of_half_a_megabyte_that_inflates_to_32_megabytes_is_refused(tmp_path):
-    path = tmp_path / "a.mat"
-    with h5py.File(path, "w") as file:
-        file.create_dataset("x", shape=(2**16,), dtype="f8", chunks=(2**16,), compression="gzip")
-        file["x"].id.write_direct_chunk((0,), zeros(2**25))
-    assert "expected a chunk of 524288 bytes; its packed samples become more" in refusal(mat.read_channels, path)
-
-
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
@@ -145,21 +121,14 @@ def test_numbers_that_were_announced_and_never_written_are_refused(tmp_path, set
     assert sentence in refusal(mat.read_channels, path)
 
 
-def test_a_filter_that_is_not_known_to_be_sound_is_refused(tmp_path):
-    path = tmp_path / "a.mat"
-    with h5py.File(path, "w") as file:
-        file.create_dataset("x", data=np.arange(64), chunks=(64,), scaleoffset=0)
-    assert "expected samples packed by gzip or lzf, or not packed; got HDF5 filters [6]" in refusal(
-        mat.read_channels, path
-    )
-
-
 def test_objects_that_only_matlab_reads_are_named(tmp_path):
     # an element of class 17 (opaque): flags, name, type system, class name, …
     def element(kind, content):
         return struct.pack("<2I", kind, len(content)) + content.ljust(-(-len(content) // 8) * 8, b"\0")
 
+    number = element(6, struct.pack("<2I", 13, 0)) + element(5, struct.pack("<2i", 1, 1)) + element(1, b"")
     body = element(6, struct.pack("<2I", 17, 0)) + element(1, b"tt") + element(1, b"MCOS") + element(1, b"timetable")
+    body += element(14, number + element(6, struct.pack("<I", 1)))
     path = tmp_path / "a.mat"
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element(14, body))
     assert "save their columns as arrays" in refusal(mat.read_channels, path)

@@ -1,14 +1,12 @@
-"""Parquet as pyarrow writes it: types, packings, instants, and pages that would fill the memory."""
+"""Parquet as pyarrow writes it: types, packings, instants, and tables that would fill the memory."""
 
-import io
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
-from monitor_core.errors import MissingReaderError, RecordingFormatError
+from monitor_core.errors import MissingReaderError
 from monitor_core.recordings.raw.binary import parquet
-from monitor_core.recordings.raw.binary.parquet_pages import unpacked_size_of_pages
 from tests.recordings.test_raw import refusal
 
 pa = pytest.importorskip("pyarrow")
@@ -87,18 +85,6 @@ def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused_by_its_size
 def test_values_that_repeat_are_counted_as_what_they_become(tmp_path):
     path = written(tmp_path, {f"x{number}": np.zeros(2**22) for number in range(3)})
     assert "it announces 100663296: save it without compression" in refusal(parquet.read_channels, path)
-
-
-def test_the_pages_of_a_column_add_up_to_what_the_file_says_of_it(tmp_path):
-    path = written(tmp_path, {"x": FORCE}, compression="zstd", data_page_size=4096)
-    column = pq.ParquetFile(path).metadata.row_group(0).column(0)
-    start = column.dictionary_page_offset or column.data_page_offset
-    content = io.BytesIO(path.read_bytes())
-    counted = unpacked_size_of_pages(content, start, start + column.total_compressed_size, "a")
-    # the file counts the headers of the pages as well
-    assert 0.95 * column.total_uncompressed_size < counted < column.total_uncompressed_size
-    with pytest.raises(RecordingFormatError, match="expected"):
-        unpacked_size_of_pages(content, start, start + column.total_compressed_size - 1, "a")
 
 
 def test_a_missing_library_is_named_with_its_extra(monkeypatch, tmp_path):

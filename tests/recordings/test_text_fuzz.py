@@ -20,7 +20,6 @@ from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.proposal import propose
-from tests.recordings.test_damage import peak_mib
 from tests.recordings.text_files import logger_files, lvm, trace_files, twincat
 
 N_FILES = int(os.environ.get("PRELOAD_FUZZ", "30"))
@@ -42,6 +41,12 @@ TOKENS = (
     b"\xfe", b"\r", b"\n", b"\n\n", b"#", b" ", b"\xc2\x85", b"\xe2\x80\xa8", b"\x1b[31m", b"9" * 400, b"*** ", b"EOF",
     b"Name", b"X_Value", b"999999999", b"-1", b"0", b"\x1f", b"\xef\xbb\xbf", "１".encode(),
 )  # fmt: skip
+
+
+def peak_mib() -> int:
+    """Return the most memory of this process; ``ru_maxrss`` would begin with that of the process that started it."""
+    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) // 1024
 
 
 def damaged(content: bytes, rng: random.Random) -> bytes:

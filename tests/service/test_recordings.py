@@ -4,7 +4,6 @@ import asyncio
 import hashlib
 import io
 import os
-import signal
 import socket
 import sqlite3
 import subprocess
@@ -30,12 +29,15 @@ from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from service import app
 from service.api.http import limits
+from service.operations import foreign_file
+from service.operations.foreign_file import BOUNDS
 from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.own_process import Bounds
 from service.operations.recordings import look, recordings
 from service.operations.recordings.look import Look, look_into
-from service.operations.recordings.own_look import LookLimits
 from service.store import recordings as store
 from service.store.safekeeping.backup import back_up, restore
+from tests.service import stand_in_readers as stand_ins
 from tests.service.conftest import (
     START,
     Api,
@@ -286,45 +288,25 @@ def look_without_tdms(*arguments: Any) -> Look:
     return look_into(*arguments)
 
 
-def look_that_aborts(*_: Any) -> Look:
-    os.abort()
-
-
-def look_that_is_killed(*_: Any) -> Look:
-    os.kill(os.getpid(), signal.SIGKILL)
-    raise AssertionError
-
-
-def look_that_never_ends(*_: Any) -> Look:
-    while True:
-        time.sleep(0.1)
-
-
-def look_that_takes_all_memory(*_: Any) -> Look:
-    np.ones(2**28)
-    raise AssertionError
-
-
 def look_not_in(service: int, *arguments: Any) -> Look:
     assert os.getpid() != service
     return look_into(*arguments)
 
 
 @pytest.mark.parametrize(
-    ("broken", "word"),
+    ("broken", "bounds", "word"),
     [
-        (look_that_aborts, "by signal SIGABRT"),
-        (look_that_is_killed, "by signal SIGKILL"),
-        (look_that_never_ends, "is read within"),
-        (look_that_takes_all_memory, "1024 MiB of memory"),
+        (stand_ins.aborts, BOUNDS, "by signal SIGABRT"),
+        (stand_ins.never_ends, Bounds(2**30, 3.0), "is read within"),
+        (stand_ins.takes_all_memory, Bounds(2**30, 900.0), "1024 MiB of memory"),
     ],
 )
 def test_recording_that_ends_its_reader_does_not_end_the_service(
-    taking: Api, monkeypatch: pytest.MonkeyPatch, broken: Callable[..., Look], word: str
+    taking: Api, monkeypatch: pytest.MonkeyPatch, broken: Callable[..., Look], bounds: Bounds, word: str
 ) -> None:
     """Libraries behind the formats are not ours: what they do to their process is one sentence for the sender."""
     monkeypatch.setattr(recordings, "look_into", broken)
-    monkeypatch.setattr(recordings, "LookLimits", partial(LookLimits, memory_bytes=2**30, seconds=3.0))
+    monkeypatch.setattr(foreign_file, "BOUNDS", bounds)
     detail = assert_problem(upload(taking, ("p.npz", raw_bytes()), channel_map=MAP), 422, "recording-format")["detail"]
     assert detail.startswith("p.npz: expected a recording that")
     assert word in detail

@@ -4,7 +4,6 @@ A recording is samples: packed, it seldom shrinks below a tenth. A file that ann
 damaged, or made to exhaust the machine, and is refused by these numbers alone.
 """
 
-import zlib
 from collections.abc import Sequence
 
 from monitor_core.errors import RecordingFormatError
@@ -18,7 +17,6 @@ MAX_SAMPLES_IN_ALL = 2**27
 FREE_BYTES = 2**26
 #: Beyond that, a file unpacks to this many times its own size at most.
 MOST_EXPANSION = 16
-_PIECE = 2**16
 
 
 def require_plausible_channels(announced: Sequence[tuple[str, int]], where: str) -> None:
@@ -38,38 +36,14 @@ def require_plausible_channels(announced: Sequence[tuple[str, int]], where: str)
         )
 
 
-def most_unpacked(packed: int) -> int:
-    """Return what a file of this size may unpack to [bytes]."""
-    return max(FREE_BYTES, MOST_EXPANSION * packed)
-
-
 def require_plausible_expansion(n_bytes: int, packed: int, where: str) -> None:
     """Refuse a packed file that would unpack to far more than recordings do.
 
     ``n_bytes``: what it would unpack to, as its headers announce or as counted so far; ``packed``: size of the file.
     """
-    most = most_unpacked(packed)
+    most = max(FREE_BYTES, MOST_EXPANSION * packed)
     if n_bytes > most:
         raise RecordingFormatError(
             f"{where}: expected at most {most} bytes from a file of {packed} bytes; it announces {n_bytes}: "
             "save it without compression"
         )
-
-
-def unpacked_size(packed: bytes | memoryview, most: int) -> int:
-    """Return how many bytes a deflated stream unpacks to, holding a small piece of it only.
-
-    Where it is more than ``most``, any number above that. A stream that is damaged or cut off counts as what could be
-    unpacked.
-    """
-    stream, size, rest = zlib.decompressobj(), 0, bytes(packed)
-    try:
-        while size <= most and not stream.eof:
-            piece = stream.decompress(rest, _PIECE)
-            if not piece and not stream.unconsumed_tail:
-                break
-            size += len(piece)
-            rest = stream.unconsumed_tail
-    except zlib.error:
-        return size
-    return size

@@ -112,7 +112,7 @@ def _reason(error: Exception) -> str:
     if isinstance(error, OSError) and error.errno is not None:
         return f"it cannot be read: {error.strerror}"
     if isinstance(error, MemoryError):
-        return "it takes more memory than this machine has"
+        return "it takes more memory than there is for it"
     return "it is damaged or cut off: export it anew, or copy it again"
 
 

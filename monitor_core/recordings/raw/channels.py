@@ -66,6 +66,12 @@ class Channels:
             got = f"only what is not read: {listed}" if listed else "none"
             raise RecordingFormatError(f"{self.file_name}: expected at least one channel of numbers; got {got}")
 
+    def __reduce__(self) -> tuple[type["Channels"], tuple[object, ...]]:
+        """Say how it is made anew in another process: a read-only view of a dict cannot be sent as it is."""
+        return Channels, (
+            self.file_name, self.channels, self.responses, dict(self.texts), dict(self.numbers), self.left_out
+        )  # fmt: skip
+
     def text(self, name: str) -> tuple[str, ...]:
         """Return the column of texts of a name; ``RecordingFormatError`` if there is no such column of texts."""
         if name in self.texts:

@@ -11,7 +11,7 @@ from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.quality import is_clipped, is_stuck, longest_run
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
-from monitor_core.recordings.raw.binary import xlsx_proposal
+from monitor_core.recordings.raw.binary import xlsx
 from monitor_core.recordings.raw.channel_kind import (
     MOST_STEPS,
     ChannelKind,
@@ -86,7 +86,7 @@ def read_as_proposed(path: Path, name: str) -> AsProposed:
     try:
         return AsProposed(read_channels(path), None)
     except RecordingFormatError:
-        layout = xlsx_proposal.propose_layout(path) if name == "xlsx" else None
+        layout = xlsx.propose_layout(path) if name == "xlsx" else None
         if layout is None:
             raise
         return AsProposed(read_channels(path, layout), layout)

@@ -8,8 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar, cast
 
 import click
 
@@ -28,12 +30,12 @@ from monitor_core.recordings.recognition import (
     MODAL_TABLE,
     MOTION_RECORD,
     SESSION,
-    require_format,
 )
-from monitor_core.recordings.session_hdf5 import open_session
 from monitor_core.session import RecordedMeasurements
 from monitor_core.uncertainty import Estimate
 from service.cli.output import print_line, progress_bar
+from service.operations.foreign_file import foreign_format, foreign_session, read_foreign, reading
+from service.operations.own_process import Progress, Report, Reporting
 
 # an FRF set brings the drive models along, and with them half the start of a command: imported where there is one
 if TYPE_CHECKING:
@@ -85,7 +87,7 @@ Made = TypeVar("Made", ImportedSession, ImportedMotion, "ImportedFrfSet")
 
 def calibration_at(path: Path) -> Path:
     """Return the path of a calibration; any other file is refused."""
-    require_format(path, CALIBRATION)
+    foreign_format(path, CALIBRATION)
     return path
 
 
@@ -133,7 +135,7 @@ def data_of(paths: Sequence[Path], map_path: Path | None, *, takes: Sequence[Dat
                 f"several files are raw files of one recording, and need --map; got {len(paths)} files without it"
             )
         return Data(tuple(paths), _kind_of_file(paths[0], takes), None)
-    require_format(map_path, CHANNEL_MAP)
+    foreign_format(map_path, CHANNEL_MAP)
     channel_map = read_channel_map(map_path)
     kind = _OF_MAP[channel_map.kind]
     if kind not in takes:
@@ -143,7 +145,7 @@ def data_of(paths: Sequence[Path], map_path: Path | None, *, takes: Sequence[Dat
 
 def _kind_of_file(path: Path, takes: Sequence[DataKind]) -> DataKind:
     """Recognise a file by its content; another kind is refused with what it is and the next step."""
-    return _OF_FORMAT[require_format(path, *(name for name, kind in _OF_FORMAT.items() if kind in takes))]
+    return _OF_FORMAT[foreign_format(path, *(name for name, kind in _OF_FORMAT.items() if kind in takes))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +176,7 @@ def counted_session(session: RecordedMeasurements, name: str) -> Iterator[Record
 def opened_session(data: Data) -> Iterator[RecordedMeasurements]:
     """Open the session of the data and show how many of its measurements were taken; memory stays flat."""
     if data.channel_map is None:
-        with open_session(data.file) as reader, counted_session(reader, data.name) as session:
+        with foreign_session(data.file) as reader, counted_session(reader, data.name) as session:
             yield session
         return
     with counted_session(_imported_as(ImportedSession, data).session, data.name) as session:
@@ -187,7 +189,7 @@ def frf_set_of(data: Data) -> "FrequencyResponseSet":
     from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet  # noqa: PLC0415
 
     if data.channel_map is None:
-        return read_frf_set(data.file)
+        return read_foreign(partial(read_frf_set, data.file), data.name)
     return _imported_as(ImportedFrfSet, data).responses
 
 
@@ -211,16 +213,31 @@ def import_of(data: Data) -> Imported:
     """Read raw files by their map, with progress."""
     if data.channel_map is None:
         raise click.UsageError(f"raw files need --map; got {data.name} without it")
-    with _files_read(data) as progress:
-        match data.channel_map.kind:
-            case MapKind.SESSION:
-                return import_session(data.paths, data.channel_map, progress)
-            case MapKind.MOTION:
-                return import_motion(data.paths, data.channel_map, progress)
-            case MapKind.FRF_SET:
-                from monitor_core.recordings.raw.mapping.imported_frf import import_frf_set  # noqa: PLC0415
+    work = Reporting(partial(_imported, data.paths, data.channel_map))
+    with reading(work, data.name) as process, progress_bar() as bar:  # the bar has a thread, which a fork would break
+        task = bar.add_task(data.name, total=len(data.paths))
 
-                return import_frf_set(data.paths, data.channel_map, progress)
+        def report(progress: Progress) -> None:
+            bar.update(task, description=progress.sentence or data.name, completed=progress.done)
+
+        return cast(Imported, process.answer(report))
+
+
+def _imported(paths: Sequence[Path], channel_map: ChannelMap, report: Report) -> Imported:
+    n_begun = count()
+
+    def begun(name: str) -> None:
+        report(Progress(next(n_begun), sentence=name))
+
+    match channel_map.kind:
+        case MapKind.SESSION:
+            return import_session(paths, channel_map, begun)
+        case MapKind.MOTION:
+            return import_motion(paths, channel_map, begun)
+        case MapKind.FRF_SET:
+            from monitor_core.recordings.raw.mapping.imported_frf import import_frf_set  # noqa: PLC0415
+
+            return import_frf_set(paths, channel_map, begun)
 
 
 def say(imported: Imported) -> None:
@@ -231,18 +248,6 @@ def say(imported: Imported) -> None:
             print_line(sentence, err=True)
         if len(sentences) > _MOST_SAID:
             print_line(f"… and {len(sentences) - _MOST_SAID} more; preload import --json lists all", err=True)
-
-
-@contextmanager
-def _files_read(data: Data) -> Iterator[Callable[[str], None]]:
-    with progress_bar() as bar:
-        task = bar.add_task(data.name, total=len(data.paths))
-
-        def begun(name: str) -> None:
-            done = bar.tasks[0].fields.get("begun", 0)
-            bar.update(task, description=name, completed=done, begun=done + 1)
-
-        yield begun
 
 
 def _wanted(kinds: Sequence[DataKind]) -> str:

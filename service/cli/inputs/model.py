@@ -1,6 +1,7 @@
 """Read a drive model, and what the commands share that work with one: their options, responses, tolerances."""
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -12,8 +13,9 @@ from monitor_core.pipeline import AxisSettings
 from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.model_file import read_model_file
-from monitor_core.recordings.recognition import MODEL, require_format
+from monitor_core.recordings.recognition import MODEL
 from monitor_core.recordings.stated_tolerances import read_tolerances
+from service.operations.foreign_file import foreign_format, read_foreign
 
 # imported where they are needed: modes and simulate take no data
 if TYPE_CHECKING:
@@ -91,7 +93,7 @@ def _is_number(word: str) -> bool:
 
 def model_at(path: Path) -> Path:
     """Return the path of a drive model; any other file is refused."""
-    require_format(path, MODEL)
+    foreign_format(path, MODEL)
     return path
 
 
@@ -142,4 +144,6 @@ def tolerances_of(data: "Data", stated: Mapping[str, float | None]) -> "SettingT
 def _of_data(data: "Data") -> Mapping[str, float | None]:
     if data.channel_map is not None:
         return data.channel_map.tolerances.attributes
-    return read_tolerances(data.file) if data.is_session or data.is_frf_set else {}
+    if not data.is_session and not data.is_frf_set:
+        return {}
+    return read_foreign(partial(read_tolerances, data.file), data.name)

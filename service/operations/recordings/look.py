@@ -21,6 +21,7 @@ from service.clock import text_of
 from service.documents.recording import ChannelEntry
 from service.errors import BodyTooLargeError, first_refusal
 from service.operations.fields import MOST_SAMPLES, StatedOfWindow
+from service.operations.own_process import Progress, Report
 from service.store.recordings import Room, not_taken
 from service.store.window_format import size_of
 
@@ -62,7 +63,7 @@ class Look:
     remarks: tuple[str, ...] = ()  # on how the session was made of raw files
 
 
-def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, bounds: LookBounds) -> Look:
+def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, bounds: LookBounds, report: Report) -> Look:
     """Open a session, or make one in a folder of raw files and their map; every window of it is checked.
 
     Raises RecordingFormatError if it is no session, does not fit its map, or a window is not one that can be taken;
@@ -70,13 +71,15 @@ def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, bounds
     """
     windows = _Windows(bounds)
     if map_path is None:
-        return _session(paths, windows)
+        return _session(paths, windows, report)
     channels: list[ChannelEntry] = []
 
     def note(read: Channels) -> None:
         channels.extend(_channel(read.file_name, channel) for channel in read.channels)
 
-    imported = import_session(paths, read_channel_map(map_path), seen=note)
+    imported = import_session(
+        paths, read_channel_map(map_path), lambda name: report(Progress(len(channels), sentence=name)), seen=note
+    )
     session = imported.session
     for number, window in enumerate(session.windows, start=1):
         where = f"{paths[0].name}, window number {number}" if len(paths) == 1 else f"window number {number}"
@@ -99,7 +102,7 @@ def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, bounds
     )
 
 
-def _session(paths: Sequence[Path], windows: "_Windows") -> Look:
+def _session(paths: Sequence[Path], windows: "_Windows", report: Report) -> Look:
     path = paths[0]
     with path.open("rb") as file:
         is_hdf5 = file.read(len(_HDF5)) == _HDF5
@@ -112,7 +115,8 @@ def _session(paths: Sequence[Path], windows: "_Windows") -> Look:
         raise RecordingFormatError(f"expected one session at once, or raw files with a map; got {len(paths)} files")
     with open_session(path, compared=True) as session:
         seen = _Seen(path.name)
-        for name in session.measurement_of:
+        for number, name in enumerate(session.measurement_of):
+            report(Progress(number, len(session.measurement_of)))
             where = f"{path.name} /windows/{name}"
             windows.require_length(session.length(name), where)
             window = session.window(name)

@@ -7,23 +7,24 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
+from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.session_hdf5 import open_session
 from service.clock import now
 from service.documents.recording import FileEntry, LeftOutEntry, RecordingContents
 from service.errors import ConflictError, InvalidRequestError, UnknownResourceError
 from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
+from service.operations.foreign_file import reading
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import COUNTS, Pace, take_session
-from service.operations.own_process import ProcessEndedError, Progress, in_own_process
+from service.operations.own_process import Progress, Reporting
 from service.operations.recordings.file_check import checked, unreadable
 from service.operations.recordings.look import MOST_CHANNELS, Look, bounds_of, look_into, plain
-from service.operations.recordings.own_look import LookLimits, look_in_own_process
 from service.operations.recordings.upload import MAP_NAME, Upload, UploadedFile, write_map
 from service.store import jobs, recordings
 from service.store.axes import get_axis
@@ -145,7 +146,8 @@ class Recordings:
 
     def _look(self, paths: Sequence[Path], map_path: Path | None, folder: Path) -> Look:
         bounds = bounds_of(self._most_bytes, self._files.room())
-        return look_in_own_process(partial(look_into, paths, map_path, folder, bounds), paths[0].name, LookLimits())
+        with reading(Reporting(partial(look_into, paths, map_path, folder, bounds)), paths[0].name) as process:
+            return cast(Look, process.answer())
 
     def _keep(self, axis_id: str, upload: Upload) -> JobRow:
         upload.require_whole()
@@ -268,9 +270,10 @@ class Recordings:
             job.report(progress.done, progress.total, {})
 
         try:
-            found = in_own_process(partial(checked, paths, job.axis_id), report, Progress(0, len(paths)))
-        except ProcessEndedError as error:
-            found = unreadable(paths[0].name, f"{paths[0].name}: its reader ended by itself ({error})")
+            with reading(Reporting(partial(checked, paths, job.axis_id)), paths[0].name) as process:
+                found = cast(JsonObject, process.answer(report, Progress(0, len(paths))))
+        except (RecordingFormatError, MissingReaderError) as error:
+            found = unreadable(paths[0].name, str(error))
         job.report(len(paths), len(paths), found)
 
     def run(self, job: JobHandle) -> None:

@@ -14,18 +14,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
+from monitor_core.recordings.elements.bounds import require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
-from monitor_core.recordings.raw.binary.mdf4_blocks import require_sound_blocks
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 if TYPE_CHECKING:
     from asammdf import MDF
+    from asammdf.blocks.v4_blocks import ChannelConversion
 
 _OF_NUMBERS = range(6)  # data types
 _MASTERS = (2, 3)  # channel types of sampling times: stored, or counted by the records
 _TIME = 1  # what a master counts; others count angles, distances or records
 _WITH_SAMPLES = (0, 2, 3, 6)  # fixed length, masters, virtual
 _LOCAL_TIME = 1  # flag of the header: its time has no zone
+_FORMULA = 3  # conversion by a text with a formula
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +48,15 @@ def read_channels(path: Path) -> Channels:
     """
     try:
         from asammdf import MDF  # noqa: PLC0415
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingReaderError(
             f"{path.name}: reading MDF needs asammdf; pip install 'preload-monitor[mdf]'"
         ) from error
 
     with refusing(path.name, "an MDF file of version 4"):
         _require_version_4(path)
-        require_sound_blocks(path)
         with MDF(path, process_bus_logging=False) as file:
-            return Channels(path.name, _channels(file))
+            return Channels(path.name, _channels(file, path.name))
 
 
 def _require_version_4(path: Path) -> None:
@@ -72,7 +73,7 @@ def _require_version_4(path: Path) -> None:
         raise RecordingFormatError(f"{path.name}: expected MDF of version 4; got {version!r}: convert it to version 4")
 
 
-def _channels(file: "MDF") -> tuple[Channel, ...]:
+def _channels(file: "MDF", where: str) -> tuple[Channel, ...]:
     places = [
         _Place(number, index, channel.name, channel.channel_type in _MASTERS and channel.sync_type == _TIME)
         for number, group in enumerate(file.groups)
@@ -84,6 +85,10 @@ def _channels(file: "MDF") -> tuple[Channel, ...]:
         (place.group, place.index): place.name if counts[place.name] == 1 else f"{place.group + 1}/{place.name}"
         for place in places
     }
+    for place in places:
+        _require_no_formula(file.groups[place.group].channels[place.index].conversion, f"{where}, {place.name}")
+    lengths = {number: int(group.channel_group.cycles_nr) for number, group in enumerate(file.groups)}
+    require_plausible_channels([(place.name, lengths[place.group]) for place in places], where)
     clocks = {place.group: names[place.group, place.index] for place in places if place.is_clock}
     start = _started_at(file)
     channels = []
@@ -91,8 +96,13 @@ def _channels(file: "MDF") -> tuple[Channel, ...]:
         # not ignored here: asammdf would leave single ones out, and a channel would be shorter than its clock
         signal = file.get(group=place.group, index=place.index, ignore_invalidation_bits=True)
         samples = np.asarray(signal.samples)
-        if samples.dtype.kind not in "fiu" or samples.ndim not in (1, 2) or samples.size == 0:
+        if samples.dtype.kind not in "fiu" or samples.ndim not in (1, 2) or lengths[place.group] == 0:
             continue
+        if len(samples) != lengths[place.group]:
+            raise RecordingFormatError(
+                f"{where}, {place.name}: expected {lengths[place.group]} samples as its header says; got "
+                f"{len(samples)}: it is cut off"
+            )
         invalid = signal.invalidation_bits
         if invalid is not None and np.any(invalid):
             if np.all(invalid):
@@ -109,6 +119,20 @@ def _channels(file: "MDF") -> tuple[Channel, ...]:
             )
         )
     return tuple(channels)
+
+
+def _require_no_formula(conversion: "ChannelConversion | None", where: str) -> None:
+    """Refuse a formula, also in the conversions that a table refers to: the library would run it."""
+    if conversion is None:
+        return
+    if conversion.conversion_type == _FORMULA:
+        raise RecordingFormatError(
+            f"{where}: expected numbers, linear or tabulated; got a channel with a formula as text, which is not "
+            "evaluated: export it with its values"
+        )
+    for referenced in (conversion.referenced_blocks or {}).values():
+        if not isinstance(referenced, bytes):
+            _require_no_formula(referenced, where)
 
 
 def _started_at(file: "MDF") -> datetime | None:

@@ -7,14 +7,13 @@ NaN.
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
-from monitor_core.recordings.raw.binary.parquet_pages import column_chunks, unpacked_size_of_pages
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ def read_channels(path: Path) -> Channels:
     """
     try:
         import pyarrow.parquet as pq  # noqa: PLC0415
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingReaderError(
             f"{path.name}: reading Parquet needs pyarrow; pip install 'preload-monitor[parquet]'"
         ) from error
@@ -45,7 +44,7 @@ def read_channels(path: Path) -> Channels:
         limit = path.stat().st_size  # no text or list of the metadata is longer than the file
         with pq.ParquetFile(path, thrift_string_size_limit=limit, thrift_container_size_limit=limit) as file:
             fields = [field for field in file.schema_arrow if _is_channel(field.type)]
-            _require_plausible(file.metadata, [field.name for field in fields], stream, path)
+            _require_plausible(file.metadata, [field.name for field in fields], path)
             channels = tuple(_channel(file, field, path.name) for field in fields)
         return Channels(path.name, channels)
 
@@ -56,22 +55,11 @@ def _is_channel(kind: "pa.DataType") -> bool:
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_timestamp(kind))
 
 
-def _require_plausible(metadata: "pq.FileMetaData", names: list[str], stream: BinaryIO, path: Path) -> None:
+def _require_plausible(metadata: "pq.FileMetaData", names: list[str], path: Path) -> None:
     if len(names) != len(set(names)):
         raise RecordingFormatError(f"{path.name}: expected columns of different names; got {names}")
     require_plausible_channels([(name, metadata.num_rows) for name in names], path.name)
-    total, n_bytes = 0, path.stat().st_size
-    for chunk in column_chunks(stream, n_bytes, path.name):
-        if chunk.path in names:
-            end = chunk.start + chunk.size
-            if not 0 < chunk.start < end <= n_bytes:
-                raise RecordingFormatError(
-                    f"{path.name}, {chunk.path}: expected pages within {n_bytes} bytes; got {chunk.start} to {end}"
-                )
-            total += unpacked_size_of_pages(stream, chunk.start, end, f"{path.name}, {chunk.path}")
-    # values may be packed twice: by what they repeat, and the pages that say so
-    total = max(total, 8 * metadata.num_rows * len(names))
-    require_plausible_expansion(total, n_bytes, path.name)
+    require_plausible_expansion(8 * metadata.num_rows * len(names), path.stat().st_size, path.name)
 
 
 def _channel(file: "pq.ParquetFile", field: "pa.Field", where: str) -> Channel:

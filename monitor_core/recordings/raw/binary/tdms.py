@@ -39,7 +39,7 @@ def read_channels(path: Path) -> Channels:
     try:
         from nptdms import TdmsFile  # noqa: PLC0415
         from nptdms.log import log_manager  # noqa: PLC0415
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingReaderError(
             f"{path.name}: reading TDMS needs npTDMS; pip install 'preload-monitor[tdms]'"
         ) from error

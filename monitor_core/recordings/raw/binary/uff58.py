@@ -60,7 +60,7 @@ def read_channels(path: Path) -> Channels:
     """
     try:
         import pyuff  # noqa: PLC0415
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingReaderError(f"{path.name}: reading UFF needs pyuff; pip install 'preload-monitor[uff]'") from error
 
     n_delimiters = len(_DELIMITER.findall(require_file(path).read_bytes()))

@@ -8,30 +8,30 @@ zone, so there is no start.
 
 import math
 import warnings
-import zipfile
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
-from monitor_core.recordings.elements.bounds import MAX_CHANNELS, MOST_EXPANSION, require_plausible_channels
+from monitor_core.recordings.elements.bounds import MAX_CHANNELS, require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.text.layout import TextLayout
+from monitor_core.recordings.raw.text.proposal import propose_for_cells
 
 if TYPE_CHECKING:
     from openpyxl.workbook import Workbook
     from openpyxl.worksheet._read_only import ReadOnlyWorksheet as Sheet
 
 _MOST_ROWS = 2**20  # of a sheet, by the format
+_MOST_PROPOSED_FROM = 400  # rows
 _FREE_EMPTY_CELLS = 2**20
-#: What may be unpacked: sheets are read cell by cell, their texts and formats take time and are held in memory.
-_FREE_SHEET_BYTES = 2**26
-_FREE_TEXT_BYTES, _MOST_TEXT_BYTES = 2**20, 2**24
 _SECONDS_PER_DAY = 86400.0
 
 
@@ -90,7 +90,7 @@ def read_channels(path: Path, layout: Layout | None = None) -> Channels:
     if a cell among numbers is a text, or if two columns have one name;
     ``MissingReaderError`` if openpyxl is not installed.
     """
-    with opened(path) as book:
+    with _opened(path) as book:
         sheet = _sheet(book, layout, path.name)
         where = f"{path.name}, {sheet.title}"
         columns, first_row = _columns(sheet, layout, where)
@@ -98,11 +98,11 @@ def read_channels(path: Path, layout: Layout | None = None) -> Channels:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator["Workbook"]:
+def _opened(path: Path) -> Iterator["Workbook"]:
     """Open a workbook whose dates are numbers; raises as :func:`read_channels`."""
     try:
         import openpyxl  # noqa: PLC0415
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingReaderError(
             f"{path.name}: reading XLSX needs openpyxl; pip install 'preload-monitor[xlsx]'"
         ) from error
@@ -113,7 +113,6 @@ def opened(path: Path) -> Iterator["Workbook"]:
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # what openpyxl warns of is formatting that it does not keep
-        _require_plausible_parts(path)
         book = openpyxl.load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         try:
             # as numbers: openpyxl would round a date to the millisecond
@@ -123,39 +122,21 @@ def opened(path: Path) -> Iterator["Workbook"]:
             book.close()
 
 
-def _require_plausible_parts(path: Path) -> None:
-    packed = path.stat().st_size
-    with zipfile.ZipFile(path) as archive:
-        for part in archive.infolist():
-            is_sheet = part.filename.startswith("xl/worksheets/")
-            if is_sheet:
-                most = max(_FREE_SHEET_BYTES, 2 * MOST_EXPANSION * packed)
-            else:
-                most = min(_MOST_TEXT_BYTES, max(_FREE_TEXT_BYTES, MOST_EXPANSION * packed))
-            is_read = part.filename.endswith((".xml", ".rels"))
-            if is_read and part.file_size > most:
-                raise RecordingFormatError(
-                    f"{path.name}, {part.filename}: expected at most {most} bytes unpacked; it announces "
-                    f"{part.file_size}: save the sheet as CSV"
-                )
-
-
-def sheets_of(book: "Workbook") -> list["Sheet"]:
-    """Return the sheets of a workbook."""
+def _sheets_of(book: "Workbook") -> list["Sheet"]:
     for sheet in book.worksheets:
         sheet.reset_dimensions()  # what a sheet says of its size is not believed
     return list(book.worksheets)
 
 
 def _sheet(book: "Workbook", layout: Layout | None, where: str) -> "Sheet":
-    sheets = {sheet.title: sheet for sheet in sheets_of(book)}
+    sheets = {sheet.title: sheet for sheet in _sheets_of(book)}
     stated = None if layout is None else layout.sheet
     names = ", ".join(repr(name) for name in list(sheets)[:20])
     if stated is not None:
         if stated not in sheets:
             raise RecordingFormatError(f"{where}: expected a sheet {stated!r}; the workbook has {names}")
         return sheets[stated]
-    filled = [sheet for sheet in sheets.values() if any(True for _ in rows_of(sheet, where))]
+    filled = [sheet for sheet in sheets.values() if any(True for _ in _rows_of(sheet, where))]
     if len(filled) != 1:
         raise RecordingFormatError(
             f"{where}: expected one sheet with cells, or the name of one as sheet in [text]; the workbook has {names}"
@@ -163,7 +144,7 @@ def _sheet(book: "Workbook", layout: Layout | None, where: str) -> "Sheet":
     return filled[0]
 
 
-def rows_of(sheet: "Sheet", where: str) -> Iterator[tuple[int, tuple[object, ...]]]:
+def _rows_of(sheet: "Sheet", where: str) -> Iterator[tuple[int, tuple[object, ...]]]:
     """Yield the rows that have cells, with their numbers."""
     n_filled = n_empty = 0
     for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
@@ -185,7 +166,7 @@ def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> tuple[dict[in
     heads: dict[int, tuple[object, ...]] = {}
     columns: dict[int, _Column] = {}
     first_row = last_head = n_rows = 0
-    for number, cells in rows_of(sheet, where):
+    for number, cells in _rows_of(sheet, where):
         if not first_row:
             if header_row is None:
                 header_row = 0 if all(_is_number(cell) for cell in cells if cell is not None) else number
@@ -270,3 +251,35 @@ def _channel(column: _Column, shown_as: str | None) -> Channel:
         return Channel(column.name, native_samples(values.copy()), column.unit)
     since = values[0] if shown_as == "date" else 0.0
     return Channel(column.name, native_samples((values - since) * _SECONDS_PER_DAY), "s")
+
+
+def propose_layout(path: Path) -> TextLayout | None:
+    """Propose a layout that reads a workbook; ``None`` if there is none. It is for a person to confirm."""
+    with _opened(path) as book:
+        sheets = {sheet.title: _cells(sheet, path.name) for sheet in _sheets_of(book)}
+    filled = {title: rows for title, rows in sheets.items() if rows}
+    for title, rows in sorted(filled.items(), key=lambda sheet: -len(sheet[1])):
+        layout = propose_for_cells(rows)
+        if layout is None:
+            continue
+        proposed = replace(layout, sheet=title if len(filled) > 1 else None)
+        try:
+            read_channels(path, proposed)
+        except RecordingFormatError:
+            continue
+        return proposed
+    return None
+
+
+def _cells(sheet: "Sheet", where: str) -> Sequence[Sequence[str]]:
+    """Return the first rows of a sheet as texts, those without a cell, too: rows are known by their numbers."""
+    found: list[list[str]] = []
+    for number, cells in islice(_rows_of(sheet, where), _MOST_PROPOSED_FROM):
+        if number > _MOST_PROPOSED_FROM:
+            break
+        found += [[] for _ in range(number - 1 - len(found))]
+        texts = ["" if cell is None else " ".join(str(cell).split()) for cell in cells]
+        while texts and not texts[-1]:
+            texts.pop()
+        found.append(texts)
+    return found
