@@ -4,15 +4,20 @@ import ast
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+
 from monitor_core.errors import MonitorCoreError, RecordingFormatError
+from monitor_core.recording import Window
 from monitor_core.recordings import motion_csv, usability
 from monitor_core.recordings.elements.files import read_text
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import ModalRow, read_modal_table
 from monitor_core.recordings.raw import inspection
+from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import AsProposed, ChannelSummary
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
@@ -31,13 +36,14 @@ from monitor_core.recordings.recognition import (
     format_of,
     is_raw,
 )
-from monitor_core.recordings.session_contents import look_at_session, places
-from monitor_core.recordings.session_hdf5 import open_session
+from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT, open_session
 from monitor_core.recordings.usability import Settings, Use
 
 __all__ = ["FileReport", "check_file", "format_of"]
 
 _MOST_PROBLEMS = 20
+#: Positions closer than this are one place that was driven to again.
+_SAME_PLACE = 0.5  # [mm]
 _LARGEST_PLACE = 3.0  # positions below, throughout a table in millimetres, are doubted [mm]
 
 
@@ -58,6 +64,7 @@ class FileReport:
     doubts: tuple[str, ...] = ()
     uses: tuple[Use, ...] = ()
     next_step: str = ""
+    lacks: str = ""  # what keeps a calibration from a session
     read: AsProposed | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -101,24 +108,111 @@ def _refuse(name: str, path: Path) -> FileReport:
 
 
 def _look_at_session(name: str, path: Path) -> FileReport:
+    """Read every window of a session, one at a time."""
+    gathered, problems = _Gathered(), list[str]()
     with open_session(path, compared=True) as reader:
-        session = look_at_session(reader, _MOST_PROBLEMS)
-    settings = session.settings
+        for window in reader.measurement_of:
+            try:
+                gathered.add(reader.window(window))
+            except RecordingFormatError as error:
+                problems.append(str(error))
+                if len(problems) > _MOST_PROBLEMS:
+                    break
+    settings = gathered.as_settings()
+    channels = tuple(_joined(channel, windows) for channel, windows in gathered.channels.items())
     uses = usability.uses_of_session(path, settings)
     contents = [
-        ("axis_id", session.axis_id),
-        ("windows", session.n_windows),
-        ("measurements", len(session.measurements)),
+        ("axis_id", reader.axis_id),
+        ("windows", len(reader.measurement_of)),
+        ("measurements", len(reader.measurements)),
         ("positions_mm", settings.positions_mm),
         ("preloads_n", settings.preloads_n),
-        ("first_window_at", session.started_at),
-        ("last_window_at", session.last_at),
+        ("first_window_at", min(gathered.starts, default=None)),
+        ("last_window_at", max(gathered.starts, default=None)),
     ]
+    lacks = settings.lacks_for_calibration
+    next_step = usability.next_step(name, path, uses, lacks)
     return FileReport(
-        name, not session.problems, session.problems, session.channels, tuple(contents), _doubts(session.channels),
-        uses,
-        usability.next_step(name, path, uses, settings.lacks_for_calibration),
-    )  # fmt: skip
+        name, not problems, tuple(problems), channels, tuple(contents), _doubts(channels), uses, next_step, lacks
+    )
+
+
+@dataclass(slots=True)
+class _Gathered:
+    """What the windows of a session say, as far as they were read."""
+
+    channels: dict[str, list[ChannelSummary]] = field(default_factory=dict)
+    settings: dict[str, tuple[float, float | None]] = field(default_factory=dict)  # of each measurement
+    starts: list[datetime] = field(default_factory=list)
+
+    def add(self, window: Window) -> None:
+        for channel in _channels_of(window):
+            self.channels.setdefault(channel.name, []).append(inspection.summary_of(channel))
+        conditions = window.conditions
+        self.settings.setdefault(window.measurement, (to_millimetres(conditions.position), conditions.preload))
+        self.starts.append(window.started_at)
+
+    def as_settings(self) -> Settings:
+        known = [(position, preload) for position, preload in self.settings.values() if preload is not None]
+        return Settings(
+            n_readings=len(self.settings),
+            positions_mm=_places([position for position, _ in self.settings.values()]),
+            preloads_n=tuple(sorted({preload for _, preload in known})),
+            n_with_preload=len(known),
+        )
+
+
+def _places(positions_mm: list[float]) -> tuple[float, ...]:
+    """Return distinct positions, rising; those of one place are counted once."""
+    distinct: list[float] = []
+    for position in sorted(positions_mm):
+        if not distinct or position - distinct[-1] > _SAME_PLACE:
+            distinct.append(position)
+    return tuple(distinct)
+
+
+def _channels_of(window: Window) -> Iterator[Channel]:
+    rate, start = window.sample_rate, window.started_at
+    unit = EXCITATION_UNIT[window.excitation_quantity]
+    yield Channel("excitation", window.excitation, unit, rate, start)
+    yield Channel("response", window.response, RESPONSE_UNIT, rate, start)
+    if window.position_trace is not None:
+        yield Channel("position", window.position_trace, "m", rate, start)
+
+
+def _joined(name: str, windows: list[ChannelSummary]) -> ChannelSummary:
+    """Put the summaries of one channel in all windows together."""
+    first, n = windows[0], len(windows)
+    rates = {window.sample_rate for window in windows}
+    units = {window.unit for window in windows}
+    lengths = {window.shape for window in windows}
+    counts = {
+        "not finite": sum(window.n_not_finite > 0 for window in windows),
+        "constant": sum(window.is_constant for window in windows),
+        "stuck": sum(window.is_stuck for window in windows),
+        "clipped": sum(window.is_clipped for window in windows),
+    }
+    remarks = [f"{what} in {count} of {n} windows" for what, count in counts.items() if count]
+    if len(lengths) > 1:
+        remarks.append(f"windows of {min(lengths)[0]} to {max(lengths)[0]} samples")
+    if len(rates) > 1:
+        remarks.append(f"sampled at {', '.join(f'{rate:g} Hz' for rate in sorted(rate or 0.0 for rate in rates))}")
+    if len(units) > 1:
+        remarks.append(f"windows in {' and in '.join(sorted(unit or '?' for unit in units))}")
+    known = [window for window in windows if window.minimum is not None]
+    return replace(
+        first,
+        name=name,
+        shape=(n, max(lengths)[0]),
+        minimum=min((window.minimum for window in known if window.minimum is not None), default=None),
+        maximum=max((window.maximum for window in known if window.maximum is not None), default=None),
+        n_not_finite=int(np.sum([window.n_not_finite for window in windows])),
+        is_constant=counts["constant"] == n,
+        is_stuck=counts["stuck"] > 0,
+        is_clipped=counts["clipped"] > 0,
+        remarks=tuple(remarks),
+        doubts=tuple(dict.fromkeys(doubt for window in windows for doubt in window.doubts))[:1],
+    )
 
 
 def _look_at_frf_set(name: str, path: Path) -> FileReport:
@@ -161,7 +255,7 @@ def _look_at_modal_table(name: str, path: Path) -> FileReport:
 
 def _settings_of(rows: Sequence[ModalRow]) -> Settings:
     preloads = [row.preload for row in rows if row.preload is not None]
-    positions = places([to_millimetres(row.position) for row in rows])
+    positions = _places([to_millimetres(row.position) for row in rows])
     return Settings(len(rows), positions, tuple(sorted(set(preloads))), len(preloads))
 
 
@@ -176,7 +270,7 @@ def _look_at_motion(name: str, path: Path) -> FileReport:
     ]
     uses = usability.uses_of(name, path)
     next_step = usability.next_step(name, path, uses)
-    return FileReport(name, True, (), channels, tuple(contents), _doubts(channels), uses, next_step, read)
+    return FileReport(name, True, (), channels, tuple(contents), _doubts(channels), uses, next_step, read=read)
 
 
 def _look_at_raw(name: str, path: Path) -> FileReport:
@@ -184,7 +278,7 @@ def _look_at_raw(name: str, path: Path) -> FileReport:
     channels = inspection.summaries_of(read.channels)
     uses = usability.uses_of(name, path, made_of(read.channels))
     next_step = usability.next_step(name, path, uses)
-    return FileReport(name, True, (), channels, _contents_of_raw(read), _doubts(channels), uses, next_step, read)
+    return FileReport(name, True, (), channels, _contents_of_raw(read), _doubts(channels), uses, next_step, read=read)
 
 
 def _contents_of_raw(as_proposed: AsProposed) -> tuple[tuple[str, object], ...]:

@@ -9,7 +9,6 @@ from monitor_core.recordings.check import FileReport, check_file
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.raw.proposal.parts import Made, made_of
 from monitor_core.recordings.recognition import KINDS, SESSION, UNKNOWN
-from monitor_core.recordings.usability import Settings
 from service.documents.file_check import file_check_document
 from service.json_types import JsonObject
 from service.operations.own_process import Progress
@@ -43,7 +42,7 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
     proposal = None
     if needs_map and first.read is not None:
         proposal = proposed_map(first.read.channels, first.read.layout).for_axis(axis_id)
-    return file_check_document(first, tuple(problems), lacks=_lacks(first), proposal=proposal)
+    return file_check_document(first, tuple(problems), lacks=first.lacks if first.valid else "", proposal=proposal)
 
 
 def unreadable(name: str, problem: str) -> JsonObject:
@@ -61,18 +60,3 @@ def _not_windows(name: str, found: FileReport) -> list[str]:
         f"{name}: expected a session, or a raw file with torque or force and acceleration over time; got "
         f"{KINDS[found.format].what}, which has no windows"
     ]
-
-
-def _lacks(found: FileReport) -> str:
-    """Say what keeps a calibration from a session by itself; empty if nothing does, or it is no session."""
-    if found.format != SESSION or not found.valid:
-        return ""
-    facts = dict(found.contents)
-    places, preloads = _numbers(facts.get("positions_mm")), _numbers(facts.get("preloads_n"))
-    n_measurements = facts.get("measurements")
-    n_readings = n_measurements if isinstance(n_measurements, int) else 0
-    return Settings(n_readings, places, preloads, n_readings if preloads else 0).lacks_for_calibration
-
-
-def _numbers(value: object) -> tuple[float, ...]:
-    return tuple(item for item in value if isinstance(item, float)) if isinstance(value, tuple) else ()

@@ -124,14 +124,22 @@ class Recordings:
 
     def _take(self, axis_id: str, upload: Upload) -> JobRow:
         upload.require_whole()
+        look = self._look(upload.paths, None if upload.map_text is None else upload.map_path, upload.folder.path)
+        return self._stored(axis_id, upload, look, CHECKED, KIND)
+
+    def _keep(self, axis_id: str, upload: Upload) -> JobRow:
+        upload.require_whole()
+        return self._stored(axis_id, upload, Look(upload.paths[0], axis_id, 0, 0, []), UPLOADED, CHECK)
+
+    def _stored(self, axis_id: str, upload: Upload, look: Look, state: str, kind: str) -> JobRow:
+        """Keep what arrived, and begin the job that goes on with it."""
         folder = upload.folder
-        look = self._look(upload.paths, None if upload.map_text is None else upload.map_path, folder.path)
         folder.sync()
 
         def store(session: Session, job: JobRow) -> JsonObject:
             row = RecordingRow(
                 axis_id=axis_id, name=upload.files[0].name, sha256=upload.sha256, size_bytes=upload.size_bytes,
-                state=CHECKED, problems=_problems(look, axis_id), channel_map=upload.map_text,
+                state=state, problems=_problems(look, axis_id), channel_map=upload.map_text,
                 contents=_contents(look, upload.files, folder.path).model_dump(mode="json"), folder=folder.name,
                 job_id=job.id, created_at=now(),
             )  # fmt: skip
@@ -140,7 +148,7 @@ class Recordings:
             folder.keep()  # before the commit: one that fails may yet have happened (a lost connection)
             return ImportArguments(recording=row.id).model_dump()
 
-        job = self._runner.submit(KIND, axis_id, {}, store)
+        job = self._runner.submit(kind, axis_id, {}, store)
         self._files.folder(folder.name)
         return job
 
@@ -148,28 +156,6 @@ class Recordings:
         bounds = bounds_of(self._most_bytes, self._files.room())
         with reading(Reporting(partial(look_into, paths, map_path, folder, bounds)), paths[0].name) as process:
             return cast(Look, process.answer())
-
-    def _keep(self, axis_id: str, upload: Upload) -> JobRow:
-        upload.require_whole()
-        folder = upload.folder
-        folder.sync()
-        nothing = Look(upload.paths[0], axis_id, 0, 0, [])
-
-        def store(session: Session, job: JobRow) -> JsonObject:
-            row = RecordingRow(
-                axis_id=axis_id, name=upload.files[0].name, sha256=upload.sha256, size_bytes=upload.size_bytes,
-                state=UPLOADED, problems=[], channel_map=upload.map_text,
-                contents=_contents(nothing, upload.files, folder.path).model_dump(mode="json"), folder=folder.name,
-                job_id=job.id, created_at=now(),
-            )  # fmt: skip
-            session.add(row)
-            session.flush()
-            folder.keep()
-            return ImportArguments(recording=row.id).model_dump()
-
-        job = self._runner.submit(CHECK, axis_id, {}, store)
-        self._files.folder(folder.name)
-        return job
 
     def take_kept(self, axis_id: str, recording_id: int, map_text: str | None) -> JobRow:
         """Look into a recording that was kept, with the map of its channels, and begin to import its windows.
