@@ -3,6 +3,7 @@
 The process can be stopped at any moment, so that cancelled work does not hold up the next.
 """
 
+import ctypes
 import multiprocessing
 import os
 import pickle
@@ -11,6 +12,7 @@ import signal
 import threading
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkContext, ForkServerContext
@@ -56,6 +58,7 @@ READ_BEFORE = [
     "service.operations.recordings.file_check",
     "service.operations.recordings.look",
 ]
+_ENDS_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 #: How often whoever waits hears that it still goes on, and may stop it.
 REPORTED_EVERY_S = 0.5
 
@@ -215,6 +218,8 @@ def _do(line: Line, other_end: Line, work: Callable[[Line], object], bounds: Bou
     """Work in the process, and send the answer last."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: whoever started it is told, too, and ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    with suppress(AttributeError):  # only Linux ends it, inside a library too, with the process that it comes from
+        ctypes.CDLL(None).prctl(_ENDS_WITH_PARENT, signal.SIGKILL)
     other_end.close()  # so that the end of whoever started it is the end of what can be sent
     line.send(_Begun())
     answer: object

@@ -203,20 +203,37 @@ def is_running(process: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["the command", "the terminal"])
-def test_ctrl_c_ends_the_command_and_its_reader(
-    session_file: Path, tmp_path: Path, send: Callable[[int, int], None]
-) -> None:
+@pytest.fixture
+def reading_for_ever(session_file: Path, tmp_path: Path) -> tuple["subprocess.Popen[str]", int]:
+    """Return a command that reads, and the number of the process that does."""
     place = tmp_path / "process"
     process = with_stand_in(
         stand_ins.says_where_it_is_and_never_ends, session_file,
         start_new_session=True, env=os.environ | {"STAND_IN_PROCESS": str(place)},
     )  # fmt: skip
     wait_until(lambda: place.exists() and bool(place.read_text()))
+    return process, int(place.read_text())
+
+
+@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["the command", "the terminal"])
+def test_ctrl_c_ends_the_command_and_its_reader(
+    reading_for_ever: tuple["subprocess.Popen[str]", int], send: Callable[[int, int], None]
+) -> None:
+    process, reader = reading_for_ever
     send(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=LONGEST)
     assert (process.returncode, err.strip()) == (1, "stopped")
-    wait_until(lambda: not is_running(int(place.read_text())))
+    wait_until(lambda: not is_running(reader))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with the one that it comes from")
+def test_a_command_that_is_killed_takes_its_reader_along(
+    reading_for_ever: tuple["subprocess.Popen[str]", int],
+) -> None:
+    process, reader = reading_for_ever
+    process.kill()
+    process.communicate(timeout=LONGEST)
+    wait_until(lambda: not is_running(reader))
 
 
 WITHOUT_GUARD = """
