@@ -51,6 +51,7 @@ class Bounds:
 #: takes two seconds, to fork next to nothing. That one computes nothing and has one thread: there is nothing in it that
 #: a fork could break.
 READ_BEFORE = [
+    "h5py",  # which they load where they need it
     "monitor_core.change",
     "service.operations.alarm_cause",
     "service.operations.discrepancy_job",

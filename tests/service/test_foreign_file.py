@@ -210,6 +210,7 @@ def reading_for_ever(session_file: Path, tmp_path: Path) -> tuple["subprocess.Po
     process = with_stand_in(
         stand_ins.says_where_it_is_and_never_ends, session_file,
         start_new_session=True, env=os.environ | {"STAND_IN_PROCESS": str(place)},
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # a shell may have it ignored
     )  # fmt: skip
     wait_until(lambda: place.exists() and bool(place.read_text()))
     return process, int(place.read_text())

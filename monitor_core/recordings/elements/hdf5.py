@@ -244,7 +244,7 @@ def column(group: "h5py.Group | h5py.h5g.GroupID", name: str, where: str, types:
         require_plausible_length(shape[0], place)
     else:
         start = None
-        _require_readable(stored, stored.get_create_plist(), shape, dtype, place)
+        _require_readable(stored, shape, dtype, place)
     return Column(shape[0], dtype, start, stored)
 
 
@@ -272,19 +272,16 @@ def _dataset_in(group: "h5py.h5g.GroupID", name: str, place: str) -> "h5py.h5d.D
 
 def require_readable(dataset: "h5py.Dataset", place: str) -> None:
     """Refuse numbers that are elsewhere, too many, or were announced and never written; nothing is unpacked yet."""
-    _require_readable(dataset.id, dataset.id.get_create_plist(), dataset.shape, dataset.dtype, place)
+    _require_readable(dataset.id, dataset.shape, dataset.dtype, place)
 
 
 def _require_readable(
-    stored: "h5py.h5d.DatasetID",
-    settings: "h5py.h5p.PropDCID",
-    shape: tuple[int, ...],
-    dtype: "np.dtype[np.generic]",
-    place: str,
+    stored: "h5py.h5d.DatasetID", shape: tuple[int, ...], dtype: "np.dtype[np.generic]", place: str
 ) -> None:
     import h5py  # noqa: PLC0415
 
-    layout, size = settings.get_layout(), math.prod(shape)
+    settings, size = stored.get_create_plist(), math.prod(shape)
+    layout = settings.get_layout()
     if layout == h5py.h5d.VIRTUAL or settings.get_external_count():
         raise RecordingFormatError(f"{place}: expected numbers inside the file; they are stored in another one")
     require_plausible_length(size, place)

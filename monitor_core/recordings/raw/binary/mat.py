@@ -69,10 +69,10 @@ def _read_version_4_to_7_2(path: Path) -> Channels:
         warnings.filterwarnings("error", "Unreadable variable")
         variables = loadmat(stream)
         read = [
-            found
+            named
             for name, value in variables.items()
             if not name.startswith("__")  # of scipy; MATLAB's names begin with a letter
-            for found in _arrays_in(value, name, 0, left_out)
+            for named in _arrays_in(value, name, 0, left_out)
         ]
         arrays = [(name, array) for name, array in read if array.size > 1]
         if not arrays and any(_is_object(value) for value in variables.values()):
@@ -134,14 +134,14 @@ def _read_version_7_3(path: Path) -> Channels:
     with open_hdf5(path) as file, refusing(path.name, "a MATLAB file of version 7.3"):
         left_out = list[str]()
         read = dict(_datasets(file, "", path.name, 0, left_out))
-        found = {name: dataset for name, dataset in read.items() if dataset.size > 1}
+        arrays = {name: dataset for name, dataset in read.items() if dataset.size > 1}
         single = {name: dataset for name, dataset in read.items() if dataset.size == 1}
-        require_plausible_channels([(name, dataset.size) for name, dataset in found.items()], path.name)
-        n_bytes = sum(dataset.size * dataset.dtype.itemsize for dataset in found.values())
+        require_plausible_channels([(name, dataset.size) for name, dataset in arrays.items()], path.name)
+        n_bytes = sum(dataset.size * dataset.dtype.itemsize for dataset in arrays.values())
         require_plausible_expansion(n_bytes, path.stat().st_size, path.name)
-        for name, dataset in (found | single).items():
+        for name, dataset in (arrays | single).items():
             require_readable(dataset, f"{path.name}, {name}")
-        channels = tuple(_channel(name, values_of(dataset).T) for name, dataset in found.items())
+        channels = tuple(_channel(name, values_of(dataset).T) for name, dataset in arrays.items())
         numbers = single_numbers((name, float(values_of(dataset).real.item())) for name, dataset in single.items())
         return Channels(path.name, channels, numbers=numbers, left_out=tuple(left_out))
 
@@ -157,16 +157,16 @@ def _datasets(
         # a link could name any file of the machine; MATLAB keeps cells and objects under names that begin with '#'
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
-        found, label = group[name], f"{prefix}{name}"
+        inside, label = group[name], f"{prefix}{name}"
         why: str | None = None
-        if isinstance(found, h5py.Group) and "MATLAB_sparse" in found.attrs:
+        if isinstance(inside, h5py.Group) and "MATLAB_sparse" in inside.attrs:
             why = "sparse"
-        elif isinstance(found, h5py.Group) and depth < _DEEPEST:
-            yield from _datasets(found, f"{label}.", where, depth + 1, left_out)
-        elif isinstance(found, h5py.Dataset) and _holds_numbers(found, f"{where}, {label}"):
-            yield label, found
-        elif isinstance(found, h5py.Dataset):
-            why = _why_no_channel(found)
+        elif isinstance(inside, h5py.Group) and depth < _DEEPEST:
+            yield from _datasets(inside, f"{label}.", where, depth + 1, left_out)
+        elif isinstance(inside, h5py.Dataset) and _holds_numbers(inside, f"{where}, {label}"):
+            yield label, inside
+        elif isinstance(inside, h5py.Dataset):
+            why = _why_no_channel(inside)
         if why is not None:
             _leave_out(left_out, label, why)
 
