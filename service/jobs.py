@@ -242,7 +242,7 @@ class JobRunner:
             del self._held[row.id]
 
     def _renew(self) -> None:
-        """Tell that the jobs here are worked on."""
+        """Renew the leases of the jobs that are worked on here."""
         if held := dict(self._held):
             with self.database.write() as session:
                 jobs.renew_leases(session, held, LEASE)
@@ -272,7 +272,7 @@ class JobRunner:
             log.warning("job %s is taken up by another service when its lease has run out: %s", job_id, error)
 
     def persistently(self, job_id: str, step: Callable[[], Result]) -> Result:
-        """Do a step, and once more after a pause where disk or database refused; what it raises last is raised."""
+        """Do a step, with retries while disk or database refuse it."""
         for pause in PAUSES_S:
             try:
                 return step()
@@ -311,7 +311,7 @@ def _require_own(row: JobRow, owner: str) -> None:
 
 
 class Repeatedly:
-    """Does something at once and then after every pause, without one as long as it returns that it did something.
+    """Calls a function again and again, with a pause whenever it did nothing.
 
     What fails is logged as waiting, and tried again.
     """
@@ -328,7 +328,7 @@ class Repeatedly:
         self._thread.start()
 
     def close(self, within_s: float | None = None) -> None:
-        """Do it no more; what is under way is ended first, or left after so long."""
+        """Stop; what is under way is finished first, or left after so long."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(within_s)

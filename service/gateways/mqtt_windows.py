@@ -1,4 +1,4 @@
-"""Take windows from an MQTT broker to the service: acknowledged when they are on disk, refused with the reason."""
+"""Forward windows from an MQTT broker to the service; each is acknowledged when it is on disk."""
 
 import logging
 import threading

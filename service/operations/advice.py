@@ -1,4 +1,4 @@
-"""What a state, a cause, a refusal or a doubt means, and what to check, with which tool, in which time.
+"""Explain codes of states, causes, refusals and doubts, and list what to check, with tool and minutes.
 
 The table is ``advice.toml`` in this folder. A file of the plant (``PRELOAD_ADVICE_FILE``) has the same form: its rows
 come first, since who knows the machine knows better; its ``says`` takes the place of the table's.

@@ -1,4 +1,4 @@
-"""Which change of an axis explains its alarm: jobs of kind ``alarm-explanation``.
+"""Find which change of an axis explains its alarm: jobs of kind ``alarm-explanation``.
 
 The measurements of the baseline that the alarm rests on are the reference, the newest ones since the onset the recent
 side. A job follows the commit of a measurement that leaves the axis in alarm, and anew with each further one until all

@@ -1,4 +1,4 @@
-"""What the model of an axis lacks, from its stored measurements or from posted peaks: jobs of kind ``discrepancy``."""
+"""Explain what the model of an axis lacks, from stored measurements or posted peaks: jobs of kind ``discrepancy``."""
 
 import time
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""Joints of an axis from its stored measurements or from posted peaks: jobs of kind ``identification``."""
+"""Identify the joints of an axis from stored measurements or posted peaks: jobs of kind ``identification``."""
 
 from typing import TYPE_CHECKING, Annotated, Literal
 

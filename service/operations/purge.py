@@ -1,4 +1,4 @@
-"""Let waveforms go that the rule does not keep: file by file, so that a crash at any point leaves nothing half done.
+"""Delete waveforms that the rule does not keep, file by file: a crash at any point leaves nothing half done.
 
 Files are noted as unsettled in the database before they are written or removed. What is kept of a file is written into
 a new one in its folder; one transaction says where it lies now and which windows are let go; then every unsettled file
@@ -58,7 +58,7 @@ class _Replacement:
 
 
 class Purge:
-    """Lets the waveforms of a data folder go by a rule."""
+    """Deletes the waveforms of a data folder that a rule does not keep."""
 
     def __init__(self, database: Database, waveforms: WaveformStore, rule: Rule, data_dir: Path) -> None:
         self.data_dir = data_dir
@@ -229,7 +229,7 @@ class Purges:
             self._looking.start()
 
     def close(self) -> None:
-        """Begin no more."""
+        """Stop beginning daily purges."""
         self._looking.close()
 
     def begin(self, who: str) -> JobRow:

@@ -1,4 +1,4 @@
-"""The rule by which raw waveforms are kept: so many days, and longer where there is a reason to."""
+"""Decide which raw waveforms are kept, pin some of them, and survey what is stored."""
 
 import threading
 import time

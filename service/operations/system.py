@@ -1,4 +1,4 @@
-"""Say how the service itself stands: versions, how far behind intake is, and what was refused of all axes."""
+"""Report the state of the service: versions, lag of intake, and what was refused of all axes."""
 
 import platform
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Who is it, and may they: the one place that a request, a page and the command line ask."""
+"""Authenticate and authorise requests, pages and commands; keep the log of changes."""
 
 import threading
 import time
@@ -36,7 +36,7 @@ class _Tries:
 
 
 class LoginThrottle:
-    """Counts wrong tries by what was tried: the name of a user, the address of a caller. Times are of one clock."""
+    """Delays logins after wrong tries, by user name and by address. Times are of one clock."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -48,7 +48,7 @@ class LoginThrottle:
             return max((self._wait(name, at_s) for name in names), default=0.0)
 
     def wrong(self, *names: str, at_s: float) -> None:
-        """Note a wrong try."""
+        """Count a wrong try."""
         with self._lock:
             for name in names:
                 tries = self._tries.pop(name, None)
@@ -58,7 +58,7 @@ class LoginThrottle:
                 self._tries.popitem(last=False)
 
     def right(self, *names: str) -> None:
-        """Forget the wrong tries of who turned out to be right."""
+        """Reset the count after a correct login."""
         with self._lock:
             for name in names:
                 self._tries.pop(name, None)
@@ -81,7 +81,7 @@ class _Known:
 
 
 class Access:
-    """Tells who asks, and keeps the log of what they changed.
+    """Identifies callers by key or cookie, and keeps the log of what they changed.
 
     It is open to anyone where the service listens on loopback and no administrator was ever made; else it is closed.
     """
@@ -177,7 +177,7 @@ class Access:
             return access.list_audit(session, axis_id=axis, before_id=before_id, limit=limit)
 
     def forget(self) -> None:
-        """Ask the database again at the next request: something was changed here."""
+        """Drop the cached keys and sessions, so that the next request reads them anew."""
         self._known = None
 
     def _of_key(self, known: _Known, key: str, address: str) -> Caller:
@@ -242,7 +242,7 @@ class Access:
         )
 
     def _note_use(self) -> None:
-        """Write when keys were last used, now and then."""
+        """Store when keys were last used, at most once a minute."""
         if not self._used or time.monotonic() - self._noted_at_s < _NOTED_EVERY_S:
             return
         used, self._used, self._noted_at_s = self._used, {}, time.monotonic()

@@ -1,4 +1,4 @@
-"""Make and change users and keys, for the command line: it needs the database, not a running service."""
+"""Manage users and keys from the command line, without a running service."""
 
 from collections.abc import Collection
 from datetime import timedelta
@@ -60,7 +60,7 @@ class People:
             session.add(self._entry("user password", name))
 
     def disable_user(self, name: str) -> None:
-        """Let a user log in no more; the name stays in the log. ConflictError if it is the last administrator."""
+        """Disable a user, whose name stays in the log; ConflictError for the last administrator."""
         with self._database.write() as session:
             user = access.get_user(session, name)
             _require_another_administrator(access.list_users(session), name)
@@ -94,7 +94,7 @@ class People:
             return row.id, key
 
     def revoke_key(self, key_id: int) -> None:
-        """Let a key do nothing any more."""
+        """Revoke a key."""
         with self._database.write() as session:
             row = access.get_key(session, key_id)
             row.revoked_at = row.revoked_at or now()

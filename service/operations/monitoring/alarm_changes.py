@@ -1,4 +1,4 @@
-"""Changes of alarms: raised by the charts, withdrawn, explained; every one is kept, and told outside."""
+"""Change alarms: each change is stored as an event, with a notice for receivers."""
 
 from collections import defaultdict
 from datetime import datetime
@@ -103,14 +103,14 @@ def comment_on_alarm(session: Session, row: AlarmRow, comment: str, who: str) ->
 
 
 def shelve_alarm(session: Session, row: AlarmRow, until: datetime, comment: str, who: str) -> None:
-    """Let an alarm rest until a moment. Receivers are told of that, and of nothing else until then."""
+    """Shelve an alarm until a moment; receivers are told of that, and of nothing else until then."""
     row.shelved_until = None
     _tell(session, row, _event(row, f"shelved until {text_of(until)}: {comment}"[:LONGEST_REASON], who, "shelved"))
     row.shelved_until = until
 
 
 def bring_back(session: Session, row: AlarmRow) -> None:
-    """Take an alarm off its shelf. Receivers, who heard nothing meanwhile, are told how it stands now."""
+    """Unshelve an alarm; receivers, who heard nothing meanwhile, are told how it stands now."""
     row.shelved_until = None
     _tell(session, row, _event(row, "the time that it was shelved for is over", None, "back"))
 

@@ -1,4 +1,4 @@
-"""Alarms: raised by a measurement, acknowledged and cleared by people; every change is kept."""
+"""List, acknowledge, comment on, shelve and clear alarms."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -109,7 +109,7 @@ class Alarms:
         return self.get(alarm_id)
 
     def shelve(self, alarm_id: int, until: datetime, comment: str, who: str, *, seen: int | None = None) -> AlarmView:
-        """Let an open alarm rest until a moment: receivers hear nothing of it, and then it is back by itself.
+        """Shelve an open alarm until a moment: receivers hear nothing of it until then.
 
         ``seen`` as of :meth:`acknowledge`. Raises InvalidRequestError if the moment is past or too far away.
         """
@@ -140,7 +140,7 @@ class Alarms:
 
     @contextmanager
     def _changing(self, alarm_id: int, seen: int | None) -> Iterator[tuple[Session, AlarmRow]]:
-        """Open what an alarm is changed in; ConflictError if somebody did something that the caller has not seen."""
+        """Open a transaction on an alarm; ConflictError if somebody changed it since the caller looked."""
         with self._database.write(self.get(alarm_id).row.axis_id) as session:
             row = alarms.get_alarm(session, alarm_id)
             events = alarms.events_of(session, [alarm_id])[alarm_id]

@@ -1,4 +1,4 @@
-"""Calibrations: fitted or brought, stored for review, activated with history."""
+"""Fit, store and activate the calibrations of axes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

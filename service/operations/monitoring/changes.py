@@ -17,7 +17,7 @@ class _Known:
 
 
 class Changes:
-    """Gives every state of what is stored a mark of its own. While nothing is written, no table is read for it."""
+    """Gives each state of the stored data a mark. While nothing is written, no table is read for it."""
 
     def __init__(self, database: Database) -> None:
         self._database = database

@@ -1,4 +1,4 @@
-"""Find what other settings of an axis would change, before they are saved."""
+"""Predict what other settings of an axis would change, before they are saved."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Say why a measurement has its value: what each gate read, the ladder to newtons, the response over the baseline's."""
+"""Collect the evidence behind a value: gate readings, the ladder to newtons, the response over the baseline's."""
 
 import cmath
 from collections.abc import Sequence

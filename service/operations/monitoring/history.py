@@ -1,4 +1,4 @@
-"""Tell what the history of an axis says: what is normal, where the trend goes, how often it alarms falsely."""
+"""Summarise the history of an axis: what is normal, where the trend goes, how often it alarms falsely."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Gather what is known of an axis, for the sentence that says how it stands."""
+"""Collect the facts for the sentence that says how an axis stands."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Measure stored measurements once more from their waveforms."""
+"""Measure modes and responses of stored measurements again, from their waveforms."""
 
 from collections.abc import Iterable, Iterator, Sequence
 

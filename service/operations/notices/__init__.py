@@ -1,1 +1,1 @@
-"""Tell receivers outside of alarms: what is told, who is told, and until when it is tried again."""
+"""Send notices of alarms and states to receivers outside."""

@@ -62,7 +62,7 @@ class Dispatcher:
         ]
 
     def start(self) -> None:
-        """Begin to tell; a receiver that is new is told of what comes from now on."""
+        """Start sending; a new receiver gets what comes from now on."""
         for sender in self._senders:
             with self._database.write() as session:
                 notices.receiver(session, sender.name, now())
@@ -70,7 +70,7 @@ class Dispatcher:
             telling.start()
 
     def close(self) -> None:
-        """Stop; what was not taken is told at the next start."""
+        """Stop sending; what was not taken is sent after the next start."""
         for telling in self._telling:
             telling.close(_PATIENCE_S)
         try:
@@ -91,7 +91,7 @@ class Dispatcher:
             ]
 
     def tell_next(self, sender: Sender) -> bool:
-        """Tell a receiver of its next notice if it is time and no other service does; return whether it took it."""
+        """Send a receiver its next notice if it is time and no other service does; return whether it took it."""
         at = now()
         with self._database.read() as session:
             row = notices.receiver(session, sender.name, at)

@@ -1,4 +1,4 @@
-"""Connect to an MQTT broker and publish: what it has acknowledged is told, anything else is not."""
+"""Connect to an MQTT broker and publish messages; one counts as sent when the broker has acknowledged it."""
 
 import json
 import queue
@@ -130,7 +130,7 @@ class Connection:
         self.close()
 
     def close(self) -> None:
-        """Take leave of the broker: it does not publish the last will."""
+        """Disconnect; the broker then does not publish the last will."""
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -148,7 +148,7 @@ class Connection:
         return all(code.value != _NO_SUBSCRIBERS for code in self._await(sent))
 
     def listen(self, topic: str, hear: Callable[[bytes], None]) -> None:
-        """Have what comes to a topic heard; in another thread."""
+        """Call a function with each message of a topic; in another thread."""
         self._client.on_message = lambda *said: hear(said[2].payload)
         self._client.subscribe(topic, qos=1)
 

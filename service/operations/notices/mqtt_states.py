@@ -1,4 +1,4 @@
-"""Keep the state of each axis, and whether the service is there, as retained messages of an MQTT broker."""
+"""Publish the state of each axis and of the service as retained MQTT messages."""
 
 import json
 import logging
@@ -53,7 +53,7 @@ def state_document(status: AxisStatus) -> JsonObject:
 
 
 class StatePublisher:
-    """Compares what the broker was told with what is stored, and tells it what differs.
+    """Compares what was published with what is stored, and publishes what differs.
 
     It begins anew with each connection, since a broker may have forgotten. Several services of one database may each
     do so: they tell the same, and the last of them is the one whose leave is seen.
@@ -67,11 +67,11 @@ class StatePublisher:
         self._thread = threading.Thread(target=self._serve, name=f"states-{broker.name}", daemon=True)
 
     def start(self) -> None:
-        """Begin to tell."""
+        """Start publishing."""
         self._thread.start()
 
     def close(self) -> None:
-        """Say that the service goes, and stop."""
+        """Publish that the service is offline, and stop."""
         self._stopping.set()
         self._thread.join(5.0)
 
@@ -101,7 +101,7 @@ class StatePublisher:
             self._contradicted.set()
 
     def _keep_told(self, connection: Connection) -> None:
-        """Tell until the connection is lost or the service stops."""
+        """Publish changes until the connection is lost or the service stops."""
         connection.publish(self._presence(ONLINE))
         connection.listen(self._broker.status_topic, self._hear)
         known, due = dict[str, int](), dict[str, datetime]()

@@ -1,4 +1,4 @@
-"""Who outside is told of alarms: webhooks, mail and MQTT brokers, from one TOML file."""
+"""Read who outside is told of alarms: webhooks, mail and MQTT brokers of one TOML file."""
 
 import base64
 import tomllib

@@ -1,4 +1,4 @@
-"""What happened to the machine of the trial in its year: what it is measured at, and what people did.
+"""Define and simulate the year of the trial machine: its measurements, and what people did.
 
 The year ends when the trial is asked for. Everything else is the same each time: the story, the moves, the noise.
 """

@@ -1,4 +1,4 @@
-"""Make an axis with a year behind it for who has no machine at hand: a job through the ordinary operations.
+"""Make a simulated axis with a year of history, through the ordinary operations: jobs of kind ``trial``.
 
 Registered, measured, calibrated, alarmed, seen, repaired: what people did is entered as if they did it then.
 """

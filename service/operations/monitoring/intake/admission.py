@@ -1,4 +1,4 @@
-"""Which measurement a new window belongs to, whether it is averaged there, and what completes a measurement."""
+"""Assign new windows to measurements, and decide which measurements are complete."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What several requests bring to one axis: gated and judged together, and stored together."""
+"""Take the requests to one axis together: gate, judge and store their windows."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
