@@ -56,15 +56,15 @@ def responses_of_windows(
     corrected. Each measurement, or why it cannot be judged, comes with all the windows that it was judged by.
     ``NotIdentifiableError`` if there is no response.
     """
-    found, refusals = [], []
+    responses, refusals = [], []
     for modal, windows in measured:
         if isinstance(modal, Rejection):
             refusals.append(modal)
         else:
-            found.append((_with_spread(modal, windows), modal.conditions.temperature))
-    observations = _some(response for response, _ in found)
-    left_out = _left_out(refusals, len(refusals) + len(found))
-    temperatures = [temperature for response, temperature in found if response is not None]
+            responses.append((_with_spread(modal, windows), modal.conditions.temperature))
+    observations = _some(response for response, _ in responses)
+    left_out = _left_out(refusals, len(refusals) + len(responses))
+    temperatures = [temperature for response, temperature in responses if response is not None]
     stated = [temperature for temperature in temperatures if temperature is not None]
     if len(stated) < len(temperatures):
         none = f"Temperatures are not compared: {len(temperatures) - len(stated)} of {len(temperatures)} state none."

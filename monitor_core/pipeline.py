@@ -180,8 +180,8 @@ def _may_be_two_modes(modal: ModalMeasurement | Rejection, preload: PreloadEstim
         return modal.reason in _SIGNS_OF_TWO_MODES
     if modal.leaves_response:
         return True
-    said = (preload.reason,) if isinstance(preload, Rejection) else tuple(doubt.reason for doubt in preload.doubts)
-    return any(reason in _SIGNS_OF_TWO_MODES for reason in said)
+    reasons = (preload.reason,) if isinstance(preload, Rejection) else tuple(doubt.reason for doubt in preload.doubts)
+    return any(reason in _SIGNS_OF_TWO_MODES for reason in reasons)
 
 
 def _with_second_mode(

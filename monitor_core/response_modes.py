@@ -38,5 +38,5 @@ def modes_by_conditions(
             )
             for observation in (observations[number] for number in numbers)
         ]
-        found = modes_of_responses(given, band=band, n_modes=n_modes)
-        yield ModesAtConditions(conditions, tuple(numbers), found)
+        modes = modes_of_responses(given, band=band, n_modes=n_modes)
+        yield ModesAtConditions(conditions, tuple(numbers), modes)

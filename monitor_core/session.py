@@ -129,11 +129,11 @@ def with_session_doubts(
     last: datetime | None = None
     for measurement in judged:
         modal = measurement.outcome.modal
-        at = None if isinstance(modal, Rejection) else modal.started_at
-        if not together or (at is not None and last is not None and at - last > SESSION_GAP):
+        started_at = None if isinstance(modal, Rejection) else modal.started_at
+        if not together or (started_at is not None and last is not None and started_at - last > SESSION_GAP):
             together.append([])
         together[-1].append(measurement)
-        last = at or last
+        last = started_at or last
     return [doubted for session in together for doubted in _doubted(session, calibration)]
 
 

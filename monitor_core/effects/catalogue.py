@@ -57,7 +57,7 @@ def _effect_named(
         return wrong_parameter(name, model.parameters)
     of_key = [effect for effect in effects if effect.key == key]
     if not of_key:
-        known = ", ".join(dict.fromkeys(effect.key for effect in effects))
-        raise OutsideValidityError(f"the key of an effect must be one of {known}, {PREFIX}<parameter>; got {key!r}")
+        keys = ", ".join(dict.fromkeys(effect.key for effect in effects))
+        raise OutsideValidityError(f"the key of an effect must be one of {keys}, {PREFIX}<parameter>; got {key!r}")
     applicable = applicable_effects(axis, of_key)
     return applicable[0] if applicable else of_key[0]

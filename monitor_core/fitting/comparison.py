@@ -255,11 +255,11 @@ def amplitude_panels(
             title=title,
             x_name="frequency [Hz]",
             y_name=y_name,
-            x=frequency[at],
-            measured=measured[at],
-            models={name: values[at] for name, values in models.items()},
+            x=frequency[lines_of_row],
+            measured=measured[lines_of_row],
+            models={name: values[lines_of_row] for name, values in models.items()},
             logarithmic=True,
             held_out=bool(held_out) and held_out[index],
         )
-        for index, (title, at) in enumerate(rows)
+        for index, (title, lines_of_row) in enumerate(rows)
     )

@@ -121,9 +121,9 @@ def significance(
     """
     form = 0.0 if of_scatter else effect.form_share
     variances, largest = np.diag(covariance(fitted, scale)), 0.0
-    for at, (other, parameter) in enumerate(fitted.hypothesis.unknowns, fitted.hypothesis.n_uncertain):
+    for column, (other, parameter) in enumerate(fitted.hypothesis.unknowns, fitted.hypothesis.n_uncertain):
         if other.key == effect.key and (parameter is other.parameters[0] or is_size(parameter)):
-            size = abs(fitted.coordinates[at])  # of a size, which is null at 0
-            deviation = math.hypot(math.sqrt(max(float(variances[at]), 0.0)), form * size)
+            size = abs(fitted.coordinates[column])  # of a size, which is null at 0
+            deviation = math.hypot(math.sqrt(max(float(variances[column]), 0.0)), form * size)
             largest = max(largest, size / max(deviation, 1e-300))
     return largest

@@ -98,12 +98,12 @@ class Hypothesis(Generic[Physics]):
 
     def values(self, coordinates: FloatArray) -> dict[str, dict[str, float]]:
         """Return the values of the effects' parameters by key and name."""
-        found: dict[str, dict[str, float]] = {effect.key: {} for effect in self.effects}
+        by_key: dict[str, dict[str, float]] = {effect.key: {} for effect in self.effects}
         for (effect, parameter), value in zip(
             self.unknowns, self._values(coordinates)[self.n_uncertain :], strict=True
         ):
-            found[effect.key][parameter.name] = value
-        return found
+            by_key[effect.key][parameter.name] = value
+        return by_key
 
     def physics(self, coordinates: FloatArray) -> Physics:
         """Return the axis at these coordinates; raises OutsideValidityError where there is none."""
@@ -116,7 +116,9 @@ class Hypothesis(Generic[Physics]):
     def at_textbook_values(self, uncertain: FloatArray) -> FloatArray:
         """Return coordinates with all effects at their textbook values, those of uncertain parameters as given."""
         tail = zip(self.coordinates[self.n_uncertain :], self.unknowns, strict=True)
-        textbook = [free.transform.coordinate((effect.textbook or {})[known.name]) for free, (effect, known) in tail]
+        textbook = [
+            free.transform.coordinate((effect.textbook or {})[unknown.name]) for free, (effect, unknown) in tail
+        ]
         return np.concatenate([uncertain[: self.n_uncertain], textbook])
 
     def with_effect(self, effect: Effect[Physics]) -> "Hypothesis[Physics]":
@@ -131,8 +133,10 @@ class Hypothesis(Generic[Physics]):
         """Return the coordinates of another hypothesis in this one; what that one lacks is null."""
         uncertain = dict(zip(other.uncertain, coordinates[: other.n_uncertain].tolist(), strict=True))
         effects = {
-            (effect.key, parameter.name): at
-            for (effect, parameter), at in zip(other.unknowns, coordinates[other.n_uncertain :].tolist(), strict=True)
+            (effect.key, parameter.name): coordinate
+            for (effect, parameter), coordinate in zip(
+                other.unknowns, coordinates[other.n_uncertain :].tolist(), strict=True
+            )
         }
         ratios = other.ln_ratios(coordinates)
         for (
@@ -148,8 +152,8 @@ class Hypothesis(Generic[Physics]):
         )
 
     def _values(self, coordinates: FloatArray) -> list[float]:
-        at = zip(self.coordinates, coordinates.tolist(), strict=True)
-        return [parameter.transform.value(x) for parameter, x in at]
+        pairs = zip(self.coordinates, coordinates.tolist(), strict=True)
+        return [parameter.transform.value(x) for parameter, x in pairs]
 
 
 def is_size(parameter: EffectParameter) -> bool:

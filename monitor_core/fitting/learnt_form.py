@@ -37,9 +37,9 @@ def learn_form_error(healthy: Sequence[Machine]) -> ModelFormError:
         raise NotIdentifiableError("a form error is learnt from at least one healthy machine; got none")
     lines: dict[ResponsePoint, list[FloatArray]] = {}
     for observations, axis in healthy:
-        for point, found in _excess(observations, axis).items():
-            lines.setdefault(point, []).append(found)
-    return ModelFormError({point: _spectrum(np.concatenate(found, axis=1)) for point, found in lines.items()})
+        for point, excess in _excess(observations, axis).items():
+            lines.setdefault(point, []).append(excess)
+    return ModelFormError({point: _spectrum(np.concatenate(excess, axis=1)) for point, excess in lines.items()})
 
 
 def _excess(
@@ -57,14 +57,14 @@ def _excess(
     response = np.exp(comparison.shifted(fitted.around.errors).log_responses(fitted.physics()))
     steep = np.zeros(response.size)
     for number in range(len(comparison.titles)):
-        at = comparison.response_of_line == number
-        steep[at] = steepness(comparison.lines.omega[at] / (2.0 * np.pi), response[at])
+        chosen = comparison.response_of_line == number
+        steep[chosen] = steepness(comparison.lines.omega[chosen] / (2.0 * np.pi), response[chosen])
     columns = np.array([layout.frequency, steep[comparison.line_of_value], left, comparison.noise])
     points = [ResponsePoint(name.split(",")[0]) for name in layout.channels]
     return {
-        point: columns[:, at]
+        point: columns[:, chosen]
         for point in dict.fromkeys(points)
-        if np.any(at := np.array([points[channel] is point for channel in layout.channel]))
+        if np.any(chosen := np.array([points[channel] is point for channel in layout.channel]))
     }
 
 
@@ -73,12 +73,14 @@ def _spectrum(values: FloatArray) -> FormSpectrum:
     frequency, steep, left, noise = values
     edges = np.geomspace(np.min(frequency), np.max(frequency) * (1.0 + 1e-9), _BANDS + 1)
     band = np.searchsorted(edges, frequency, side="right") - 1
-    knots, found = [], []
+    knots, deviations = [], []
     for number in np.unique(band):
-        at = band == number
-        knots.append(float(np.exp(np.mean(np.log(frequency[at])))))
-        weight = 1.0 / (noise[at] ** 2 + _LEAST**2)
-        design = np.column_stack([np.ones(weight.size), steep[at] ** 2])
-        found.append(scipy.optimize.nnls(design * weight[:, None], (left[at] ** 2 - noise[at] ** 2) * weight)[0])
-    deviation, tolerance = np.maximum(np.sqrt(found), [_LEAST, _LEAST_TOLERANCE]).T.tolist()
+        in_band = band == number
+        knots.append(float(np.exp(np.mean(np.log(frequency[in_band])))))
+        weight = 1.0 / (noise[in_band] ** 2 + _LEAST**2)
+        design = np.column_stack([np.ones(weight.size), steep[in_band] ** 2])
+        deviations.append(
+            scipy.optimize.nnls(design * weight[:, None], (left[in_band] ** 2 - noise[in_band] ** 2) * weight)[0]
+        )
+    deviation, tolerance = np.maximum(np.sqrt(deviations), [_LEAST, _LEAST_TOLERANCE]).T.tolist()
     return FormSpectrum(tuple(knots), tuple(deviation), tuple(tolerance), learnt=True)

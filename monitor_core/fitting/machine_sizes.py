@@ -74,9 +74,9 @@ def _usual_preload(axis: AxisPhysics, conditions: Sequence[DriveConditions], for
 def _nut_rigidity(axis: AxisPhysics, preload: float) -> float:
     """Return the rigidity of the nut as stated, before any effect, under a preload. [N/m]."""
     joints = axis.joints
-    at = DriveConditions(0.5 * axis.screw.length, preload if joints.dynamic_load_rating is not None else None)
+    usual = DriveConditions(0.5 * axis.screw.length, preload if joints.dynamic_load_rating is not None else None)
     plain = replace(axis, added=type(axis.added)())
-    return float(nut_rigidities(plain, condition_arrays([at]))[0])
+    return float(nut_rigidities(plain, condition_arrays([usual]))[0])
 
 
 def _axial_stiffness(axis: AxisPhysics, nut_rigidity: float) -> float:

@@ -125,4 +125,4 @@ def with_accelerometer_at(
 def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[DriveConditions, ...]:
     """Return the distinct conditions of a table, by position."""
     distinct = dict.fromkeys(observation.conditions for observation in observations)
-    return tuple(sorted(distinct, key=lambda where: (where.position, where.payload_mass, where.preload or 0.0)))
+    return tuple(sorted(distinct, key=lambda stated: (stated.position, stated.payload_mass, stated.preload or 0.0)))

@@ -149,8 +149,8 @@ def prior_residuals(priors: FloatArray, coordinates: FloatArray) -> FloatArray:
     ``priors`` are estimates x₀ and standard uncertainties u, infinite where nothing is known, shape (2, n_parameters).
     """
     estimate, standard_uncertainty = priors
-    known = np.isfinite(standard_uncertainty)
-    return np.asarray((coordinates - estimate)[known] / standard_uncertainty[known])
+    stated = np.isfinite(standard_uncertainty)
+    return np.asarray((coordinates - estimate)[stated] / standard_uncertainty[stated])
 
 
 def prior_jacobian(priors: FloatArray) -> FloatArray:

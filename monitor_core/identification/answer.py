@@ -110,23 +110,23 @@ _WELL_KNOWN = 0.1
 _LEAST_AGREEMENT = 1.0 / 3.0
 
 
-def joints_of_fit(found: JointFit) -> Mapping[str, IdentifiedJoint]:
+def joints_of_fit(fit: JointFit) -> Mapping[str, IdentifiedJoint]:
     """Return the joints by their names in files."""
-    relied_on = found.search.agreement() >= _LEAST_AGREEMENT
-    inseparable = {name for pair in found.judged.pairs for name in (pair.first, pair.second)}
+    relied_on = fit.search.agreement() >= _LEAST_AGREEMENT
+    inseparable = {name for pair in fit.judged.pairs for name in (pair.first, pair.second)}
     return {
         judged.name: _joint(
             judged,
-            found.lack_of_fit,
+            fit.lack_of_fit,
             relied_on and judged.verdict is not Verdict.NOT_DETERMINED and judged.name not in inseparable,
         )
-        for judged in found.judged.coordinates
+        for judged in fit.judged.coordinates
     }
 
 
-def what_is_not_identifiable(found: JointFit) -> tuple[str, ...]:
+def what_is_not_identifiable(fit: JointFit) -> tuple[str, ...]:
     """Say what the data do not determine: single joints, pairs, and what the fit leaves out."""
-    judged, agreement = found.judged, found.search.agreement()
+    judged, agreement = fit.judged, fit.search.agreement()
     sentences = [
         f"{joint.name} is not determined by these data" + (": it ended at its limit" if joint.at_bound else "")
         for joint in judged.coordinates
@@ -141,7 +141,7 @@ def what_is_not_identifiable(found: JointFit) -> tuple[str, ...]:
             f"only {agreement:.0%} of the starts reached this optimum: another seed may find a better one, and "
             "nothing of this one is to be relied on"
         )
-    if found.lack_of_fit:
+    if fit.lack_of_fit:
         sentences.append(
             "the model misses the data by more than their uncertainties; no interval would hold what it leaves out, so "
             "that none is stated, and no calibration is predicted"
@@ -151,13 +151,13 @@ def what_is_not_identifiable(found: JointFit) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def known_sums(found: JointFit) -> tuple[KnownSum, ...]:
+def known_sums(joint_fit: JointFit) -> tuple[KnownSum, ...]:
     """Return the sums of stiffnesses, or of dampings, that are known better than their parts; none to a lack of fit."""
-    fit = found.fit
+    fit = joint_fit.fit
     sums: list[KnownSum] = []
-    if found.lack_of_fit:
+    if joint_fit.lack_of_fit:
         return ()
-    for pair in found.judged.pairs:
+    for pair in joint_fit.judged.pairs:
         if pair.correlation > 0.0 or _UNITS[pair.first] != _UNITS[pair.second]:
             continue
         places = [fit.names.index(name) for name in (pair.first, pair.second)]
@@ -170,35 +170,35 @@ def known_sums(found: JointFit) -> tuple[KnownSum, ...]:
     return tuple(sums)
 
 
-def quality_of(found: JointFit, case: Case) -> FitQuality:
+def quality_of(joint_fit: JointFit, case: Case) -> FitQuality:
     """Return how the joints fit the data they were found from."""
-    fit, search = found.fit, found.search
+    fit, search = joint_fit.fit, joint_fit.search
     peaks = case if isinstance(case, PeakCase) else None
     return FitQuality(
         kind="whole responses" if isinstance(case, ResponseCase) else "peaks",
         chi_squared=fit.chi_squared,
         degrees_of_freedom=fit.degrees_of_freedom,
         residual_standard_deviation=float(np.sqrt(fit.chi_squared / max(fit.degrees_of_freedom, 1))),
-        lack_of_fit=found.lack_of_fit,
+        lack_of_fit=joint_fit.lack_of_fit,
         starts=len(search.fits) + len(search.failed),
         starts_agreeing=search.agreement(),
         evaluations=search.n_evaluations,
-        seed=found.seed,
-        positions=found.trained_on,
-        paper_objective=None if peaks is None else peaks.paper_objective(fit.coordinates.values, found.trained_on),
+        seed=joint_fit.seed,
+        positions=joint_fit.trained_on,
+        paper_objective=None if peaks is None else peaks.paper_objective(fit.coordinates.values, joint_fit.trained_on),
     )
 
 
-def held_out_errors(found: JointFit) -> HeldOutErrors | None:
+def held_out_errors(fit: JointFit) -> HeldOutErrors | None:
     """Return how far predictions are off at positions held out; None where nothing could be held out."""
-    return HeldOutErrors(found.held_out, found.leave_one_out, found.not_held_out) if found.held_out else None
+    return HeldOutErrors(fit.held_out, fit.leave_one_out, fit.not_held_out) if fit.held_out else None
 
 
-def further_positions(case: Case, found: JointFit, screw_length: float) -> tuple[FurtherPosition, ...]:
+def further_positions(case: Case, fit: JointFit, screw_length: float) -> tuple[FurtherPosition, ...]:
     """Rank further positions, by the nut where it is free: it is what the axis is watched for."""
-    names = found.fit.names
-    scale = math.sqrt(found.fit.residual_variance) * math.log(10.0)
-    ranked = next_positions(case, found.fit, screw_length, names.index(_NUT) if _NUT in names else None)
+    names = fit.fit.names
+    scale = math.sqrt(fit.fit.residual_variance) * math.log(10.0)
+    ranked = next_positions(case, fit.fit, screw_length, names.index(_NUT) if _NUT in names else None)
     return tuple(
         FurtherPosition(
             there.conditions.position,

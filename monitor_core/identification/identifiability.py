@@ -88,7 +88,7 @@ def directions(fit: LocalFit, bounds: Bounds, thresholds: Thresholds) -> tuple[D
     width = bounds.upper - bounds.lower
     width = np.where(np.isfinite(width), width, np.maximum(np.abs(values), 1.0))
     _, singular, vectors = np.linalg.svd(fit.jacobian * width, full_matrices=False)
-    found = []
+    unseen = []
     for strength, vector in zip(singular[::-1], vectors[::-1], strict=True):
         farthest = 1.0 / float(np.max(np.abs(vector)))  # one coordinate then crosses its whole width
         reach = math.sqrt(fit.residual_variance) / max(float(strength), 1e-300)
@@ -96,8 +96,8 @@ def directions(fit: LocalFit, bounds: Bounds, thresholds: Thresholds) -> tuple[D
         if movement[np.argmax(np.abs(movement))] < 0.0:
             movement = -movement
         verdict = thresholds.verdict(float(np.max(np.abs(movement))))
-        found.append(Direction(fit.names, movement, reach > farthest, verdict))
-    return tuple(found)
+        unseen.append(Direction(fit.names, movement, reach > farthest, verdict))
+    return tuple(unseen)
 
 
 #: The linear interval is not trusted where the profile's ends lie further from the best value than its own by this
@@ -182,7 +182,9 @@ def assess(
         correlations=correlations(fit),
         pairs=pairs,
         directions=directions(fit, bounds, thresholds),
-        better_exists=any(known.profile is not None and known.profile.undercut > 0.01 for known in coordinates),
+        better_exists=any(
+            coordinate.profile is not None and coordinate.profile.undercut > 0.01 for coordinate in coordinates
+        ),
     )
 
 
@@ -199,8 +201,8 @@ def inseparable_pairs(fit: LocalFit, least_correlation: float = 0.9) -> tuple[In
     for i, j in zip(*np.triu_indices(len(fit.names), 1), strict=True):
         if abs(rho[i, j]) >= least_correlation:
             rest = math.sqrt(1.0 - rho[i, j] ** 2)
-            known = (float(uncertainty[i]) * rest, float(uncertainty[j]) * rest)
-            pairs.append(InseparablePair(fit.names[i], fit.names[j], float(rho[i, j]), known))
+            deviations = (float(uncertainty[i]) * rest, float(uncertainty[j]) * rest)
+            pairs.append(InseparablePair(fit.names[i], fit.names[j], float(rho[i, j]), deviations))
     return tuple(sorted(pairs, key=lambda pair: -abs(pair.correlation)))
 
 

@@ -245,7 +245,7 @@ def identify(
         observations = placed.observations
         question = question_of(axis, observations, options)
     _require_poles_of_the_nut(axis, observations, options)
-    found = fit_joints(
+    fit = fit_joints(
         question.case,
         question.bounds,
         JointFitSettings(options.seed, uncertainties_stated=question.stated),
@@ -253,20 +253,20 @@ def identify(
         map_function=map_function,
         progress=progress,
     )
-    values = question.case.drive.values(found.fit.coordinates.values)
+    values = question.case.drive.values(fit.fit.coordinates.values)
     model = replace(axis, parameters=values, uncertain={})  # what was uncertain rests on these data now
     return IdentifiedJoints(
-        joints=joints_of_fit(found),
-        correlations=found.judged.correlations,
-        not_identifiable=(*what_is_not_identifiable(found), *map(_stays_as_stated, question.unseen)),
-        sums=known_sums(found),
-        quality=quality_of(found, question.case),
-        held_out=held_out_errors(found),
+        joints=joints_of_fit(fit),
+        correlations=fit.judged.correlations,
+        not_identifiable=(*what_is_not_identifiable(fit), *map(_stays_as_stated, question.unseen)),
+        sums=known_sums(fit),
+        quality=quality_of(fit, question.case),
+        held_out=held_out_errors(fit),
         missing_modes=_missing_modes(question.case),
-        next_positions=further_positions(question.case, found, axis.parameters["screw_length_m"]),
+        next_positions=further_positions(question.case, fit, axis.parameters["screw_length_m"]),
         modes_to_monitor=_modes_to_monitor(model, question.case, observations),
         assumptions=(*placed.sentences, *options.assumptions),
-        calibration=_calibration(options, question.case, found),
+        calibration=_calibration(options, question.case, fit),
         model=model,
     )
 
@@ -350,9 +350,9 @@ def _measured_range(observations: Observations) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def _calibration(options: IdentifyOptions, case: Case, found: JointFit) -> Calibration | None:
-    if options.prediction is None or found.lack_of_fit:  # its covariance would not hold what the model leaves out
+def _calibration(options: IdentifyOptions, case: Case, fit: JointFit) -> Calibration | None:
+    if options.prediction is None or fit.lack_of_fit:  # its covariance would not hold what the model leaves out
         return None
     measured = positions_of(case)
     span = measured[0], measured[-1]
-    return predicted_calibration(options.prediction, case.drive.model, found.fit.coordinates, span)
+    return predicted_calibration(options.prediction, case.drive.model, fit.fit.coordinates, span)

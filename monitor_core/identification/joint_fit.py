@@ -73,7 +73,7 @@ def fit_joints(
     trained_on = tuple(position for position in positions_of(case) if position not in hold_out)
     steps = _Steps(len(bounds.lower) + len(trained_on), progress, cancelled)
     fit_settings = FitSettings(uncertainties_stated=settings.uncertainties_stated)
-    found = search(
+    searched = search(
         case.search_problem(trained_on),
         bounds,
         settings.seed,
@@ -83,7 +83,7 @@ def fit_joints(
         progress=steps.of_search,
         cancelled=cancelled,
     )
-    fit = fit_local(case.problem(trained_on), bounds, found.best.coordinates.values, fit_settings)
+    fit = fit_local(case.problem(trained_on), bounds, searched.best.coordinates.values, fit_settings)
     lacks_fit = settings.uncertainties_stated and _lacks_fit(fit)
     if lacks_fit:
         fit_settings = replace(fit_settings, uncertainties_stated=False)
@@ -103,7 +103,7 @@ def fit_joints(
     else:
         held_out, cannot = _leave_one_out(case, bounds, fit, fit_settings, steps)
     steps.finish()
-    return JointFit(fit, found, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out, cannot)
+    return JointFit(fit, searched, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out, cannot)
 
 
 def _lacks_fit(fit: LocalFit) -> bool:

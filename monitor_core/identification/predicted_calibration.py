@@ -130,9 +130,9 @@ def predict_coefficients(
     scale = np.linalg.norm(design, axis=0)
     to_coefficients = np.linalg.pinv(design / scale) / scale[:, np.newaxis]
 
-    def frequencies_at(at: FloatArray) -> FloatArray:
-        preload = None if reference_preload is None else reference_preload.value * math.exp(at[-1])
-        return mode_frequencies(model_at(at[:n]), mode, preload)
+    def frequencies_at(coordinates: FloatArray) -> FloatArray:
+        preload = None if reference_preload is None else reference_preload.value * math.exp(coordinates[-1])
+        return mode_frequencies(model_at(coordinates[:n]), mode, preload)
 
     def coefficients_of(frequencies: FloatArray) -> FloatArray:
         return np.asarray(to_coefficients @ frequencies**-2.0)
@@ -142,9 +142,7 @@ def predict_coefficients(
     covariance[:n, :n] = coordinates.covariance
     if reference_preload is not None:
         covariance[n, n] = (reference_preload.standard_uncertainty / reference_preload.value) ** 2
-    jacobian = _central_differences(
-        lambda at: coefficients_of(frequencies_at(at)), centre, np.sqrt(np.diag(covariance))
-    )
+    jacobian = _central_differences(lambda x: coefficients_of(frequencies_at(x)), centre, np.sqrt(np.diag(covariance)))
     frequencies = frequencies_at(centre)
     values = coefficients_of(frequencies)
     misfit = frequencies - (design @ values) ** -0.5
@@ -268,8 +266,8 @@ def readings_expected_of(
     quick = model if isinstance(model, ExtendedModel) else ExtendedModel.of(model.parameters)
     measured = excitation_source is ExcitationSource.SENSOR
     mode = MonitoredMode(band, *settings, MotorEnd.PRESCRIBED if measured else MotorEnd.FREE)
-    known = VectorEstimate(np.zeros(1), np.zeros((1, 1)))
-    predicted = predict_coefficients(lambda _: quick, known, mode)
+    nothing = VectorEstimate(np.zeros(1), np.zeros((1, 1)))
+    predicted = predict_coefficients(lambda _: quick, nothing, mode)
     k1, k2, k3, k4 = predicted.coefficients.values.tolist()
     usual = USUAL_SCATTER * float(predicted.frequencies.mean())
     return ExpectedReadings(PreloadFeatureCoefficients(k1, k2, k3, k4), math.hypot(usual, predicted.form_misfit))

@@ -83,7 +83,7 @@ class Profile:
         values = sorted(self._fitted)
         rise = (np.array([self._fitted[v][0] for v in values]) - self.fit.chi_squared) / self.fit.residual_variance
         released = [self._release(self._fitted[value][1]) for value in (values[0], values[-1])]
-        lowest, where = min([*self._fitted.values(), *released], key=lambda fitted: fitted[0])
+        lowest, best_value = min([*self._fitted.values(), *released], key=lambda fitted: fitted[0])
         return ProfileInterval(
             name=self.fit.names[self.index],
             interval=Interval(lower, upper, IntervalKind.COVERAGE, level),
@@ -91,7 +91,7 @@ class Profile:
             open_above=open_above,
             points=np.column_stack([values, rise]),
             undercut=max((self.fit.chi_squared - lowest) / self.fit.residual_variance, 0.0),
-            lowest=where,
+            lowest=best_value,
         )
 
     def _end(self, target: float, bound: float) -> tuple[float, bool]:
@@ -136,13 +136,13 @@ class Profile:
 
     def _refit(self, value: float) -> tuple[float, FloatArray]:
         """Return the least χ² with the coordinate held, and where; from the nearest point that is known."""
-        nearest = min(self._fitted, key=lambda known: abs(known - value))
-        known = self._fitted[nearest][1]
+        nearest = min(self._fitted, key=lambda refitted: abs(refitted - value))
+        refitted = self._fitted[nearest][1]
         held = _Held(self._problem, self.index, value)
-        free = np.delete(np.arange(known.size), self.index)
+        free = np.delete(np.arange(refitted.size), self.index)
         lower, upper = self._bounds.lower[free], self._bounds.upper[free]
-        along = known + (value - nearest) * self._tangent
-        starts = [np.clip(start[free], lower, upper) for start in (along, known)]
+        along = refitted + (value - nearest) * self._tangent
+        starts = [np.clip(start[free], lower, upper) for start in (along, refitted)]
         chi_squared, start = min(((held.chi_squared(start), start) for start in starts), key=lambda pair: pair[0])
         if free.size > 0 and math.isfinite(chi_squared):
             try:

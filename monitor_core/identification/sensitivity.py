@@ -75,14 +75,14 @@ def peak_sensitivities(
     """
     if joint not in JOINT_NAMES:
         raise OutsideValidityError(f"joint must be one of {', '.join(JOINT_NAMES)}; got {joint}")
-    row, found = JOINT_NAMES.index(joint), []
-    for where in conditions:
-        joints = parameters.joints(where)
-        grid = peak_grid(parameters, [Place(where, band) for band in bands.values()], motor_end)
+    row, sensitivities = JOINT_NAMES.index(joint), []
+    for stated in conditions:
+        joints = parameters.joints(stated)
+        grid = peak_grid(parameters, [Place(stated, band) for band in bands.values()], motor_end)
         here, value = find_peaks_with_gradient(grid, joints), getattr(joints, joint)
-        found += [
+        sensitivities += [
             PeakSensitivity(
-                where,
+                stated,
                 mode,
                 float(here.peaks.frequency[k]),
                 float(here.log_frequency[row, k] * value),
@@ -91,7 +91,7 @@ def peak_sensitivities(
             for k, mode in enumerate(bands)
             if here.peaks.found[k]
         ]
-    return tuple(found)
+    return tuple(sensitivities)
 
 
 def rank_modes_to_monitor(
@@ -213,8 +213,10 @@ def modes_to_monitor(
     """
     peaks = [
         peak
-        for at in {each.position: each for each in conditions}.values()
-        for peak in peak_sensitivities(axis, [at], bands_at(axis, at, frequencies, motor_end), motor_end=motor_end)
+        for stated in {each.position: each for each in conditions}.values()
+        for peak in peak_sensitivities(
+            axis, [stated], bands_at(axis, stated, frequencies, motor_end), motor_end=motor_end
+        )
     ]
     return rank_modes_to_monitor(peaks, {peak.mode: relative_frequency_uncertainty for peak in peaks})
 

@@ -66,10 +66,10 @@ def candidate_peaks(frf: FrequencyResponse, band: tuple[float, float]) -> tuple[
     log_magnitude = np.log(np.abs(frf.response[inside]))
     peaks, prominences = prominent_peaks(log_magnitude, _LEAST_PROMINENCE)
     significant = significance_level(frf.n_averages, false_alarm_probability=0.05 / max(inside.size, 1))
-    found = []
+    candidates = []
     for i, prominence in zip(peaks, prominences, strict=True):
         if coherence[i] > significant and prominence > _RIPPLE * random_error(coherence[i], frf.n_averages):
-            found.append(
+            candidates.append(
                 Candidate(
                     frequency=float(frequency[i]),
                     amplitude=float(np.exp(log_magnitude[i])),
@@ -78,7 +78,7 @@ def candidate_peaks(frf: FrequencyResponse, band: tuple[float, float]) -> tuple[
                     damping_ratio=_half_power_damping(frf, int(inside[i])),
                 )
             )
-    return tuple(sorted(found, key=lambda candidate: -candidate.amplitude))
+    return tuple(sorted(candidates, key=lambda candidate: -candidate.amplitude))
 
 
 def _half_power_damping(frf: FrequencyResponse, peak: int) -> float:
@@ -86,9 +86,9 @@ def _half_power_damping(frf: FrequencyResponse, peak: int) -> float:
     below = np.flatnonzero(np.abs(frf.response) < np.abs(frf.response[peak]) / np.sqrt(2.0))
     left = below[below < peak].max(initial=0)
     right = below[below > peak].min(initial=frf.frequency.size - 1)
-    at = frf.frequency[peak]
-    distance = min(at - frf.frequency[left], frf.frequency[right] - at)
-    return float(np.clip(distance / at, *_DAMPING_LIMITS))
+    frequency = frf.frequency[peak]
+    distance = min(frequency - frf.frequency[left], frf.frequency[right] - frequency)
+    return float(np.clip(distance / frequency, *_DAMPING_LIMITS))
 
 
 #: Windows dropped or taken back by the fit change the fit; what has not settled after so many is warned about.

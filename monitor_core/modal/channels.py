@@ -141,14 +141,14 @@ def _fitted(frf: FrequencyResponse, modes: Sequence[ModalParameters], shared: fl
         inverse = np.linalg.inv(rows.T @ rows)
     except np.linalg.LinAlgError:
         return None
-    found = inverse @ (rows.T @ values)
-    left = values - rows @ found
-    dof = values.size - found.size
+    coefficients = inverse @ (rows.T @ values)
+    left = values - rows @ coefficients
+    dof = values.size - coefficients.size
     # a random error of a magnitude is that of each of its two parts
     variance = shared * max(float(left @ left) / dof, 1.0) * float(inverse[0, 0])
-    if not 0.0 <= variance <= (LARGEST_UNCERTAINTY * float(found[0])) ** 2:
+    if not 0.0 <= variance <= (LARGEST_UNCERTAINTY * float(coefficients[0])) ** 2:
         return None
-    line = abs(float(found[0])) / float(scale[0])
+    line = abs(float(coefficients[0])) / float(scale[0])
     return Estimate(line, math.sqrt(variance) / float(scale[0]), dof)
 
 
@@ -232,5 +232,5 @@ def _incoherent_power(cross: CrossSpectra) -> float:
 
 
 def _nearest_pole(lines: FloatArray, response: ComplexArray, weight: FloatArray, frequency: float) -> float | None:
-    found = rational_poles(lines, response, weight, 1)[:, 0]
-    return None if found.size == 0 else float(found[np.argmin(np.abs(found - frequency))])
+    poles = rational_poles(lines, response, weight, 1)[:, 0]
+    return None if poles.size == 0 else float(poles[np.argmin(np.abs(poles - frequency))])

@@ -282,11 +282,11 @@ def _without(fit: ModeFit, noisy: Contamination, windows: Sequence[Window]) -> t
     uncertainty = math.hypot(frequency.standard_uncertainty, 0.5 * noisy.shift)
     without = replace(frequency, value=frequency.value + noisy.shift, standard_uncertainty=uncertainty)
     unit = "N" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "N·m"
-    said = (
+    detail = (
         f"noise of {math.sqrt(noisy.noise / windows[0].n_samples):.2g} {unit} rms on the excitation moves the "
         f"frequency by {-noisy.shift:+.2g} Hz: taken off, and half of it joins the uncertainty"
     )
-    return replace(fit, modes=(replace(mode, frequency=without), *fit.modes[1:])), (said,)
+    return replace(fit, modes=(replace(mode, frequency=without), *fit.modes[1:])), (detail,)
 
 
 #: Of the noise around a mode, what stays where noise on the excitation seems to explain all of it.

@@ -137,12 +137,12 @@ def _peaks(responses: Sequence[GivenResponse]) -> list[float]:
     lines, properties = scipy.signal.find_peaks(np.log(together), prominence=_LEAST_PROMINENCE, width=_LEAST_LINES)
     prominences = properties["prominences"]
     highest = float(together[lines].max(initial=0.0))
-    found = [
+    peaks = [
         (float(prominence), float(frequency[line]))
         for line, prominence in zip(lines, prominences, strict=True)
         if prominence > _RIPPLE * math.sqrt(noise[line]) / together[line] and together[line] > _LEAST_PEAK * highest
     ]
-    return [peak for _, peak in sorted(found, reverse=True)][:_MOST_MODES]
+    return [peak for _, peak in sorted(peaks, reverse=True)][:_MOST_MODES]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,23 +191,23 @@ def _fitted(lines: Sequence[_Lines], peaks: Sequence[float], n_modes: int | None
     """Fit a mode to each peak; where their number is stated, also fewer peaks and modes where most is left."""
     if n_modes is None:
         return _of_peaks(lines, peaks)
-    found = []
+    fits = []
     for n_peaks in range(len(peaks), max(len(peaks) - _PEAKS_SPARED, 1) - 1, -1):
         best = _of_peaks(lines, peaks[:n_peaks])
         while best is not None and best.parameters.size // 2 < n_modes:
             best = _with_one_more(lines, best)
         if best is not None:
-            found.append(best)
-    return min(found, key=lambda solution: solution.cost, default=None)
+            fits.append(best)
+    return min(fits, key=lambda solution: solution.cost, default=None)
 
 
 def _of_peaks(lines: Sequence[_Lines], peaks: Sequence[float]) -> _Solution | None:
     """Fit a mode to each peak; a peak that no mode fits goes, the least prominent first."""
     for n_peaks in range(len(peaks), 0, -1):
         damping = np.full(n_peaks, math.log(_START_DAMPING))
-        found = _minimised(lines, np.column_stack([peaks[:n_peaks], damping]).ravel())
-        if found is not None:
-            return found
+        minimum = _minimised(lines, np.column_stack([peaks[:n_peaks], damping]).ravel())
+        if minimum is not None:
+            return minimum
     return None
 
 
@@ -233,16 +233,16 @@ def _minimised(lines: Sequence[_Lines], start: FloatArray) -> _Solution | None:
     begin = np.clip(start, lower + 1e-9, upper - 1e-9)
     scale = np.column_stack([0.02 * begin[::2], np.full(n_modes, 0.3)]).ravel()
     try:
-        found = scipy.optimize.least_squares(
+        result = scipy.optimize.least_squares(
             _residuals, begin, args=(lines,), bounds=(lower, upper), x_scale=scale, max_nfev=60
         )
     except np.linalg.LinAlgError:
         return None
-    parameters: FloatArray = found.x
+    parameters: FloatArray = result.x
     on_bound: BoolArray = np.isclose(parameters[::2], low, rtol=1e-6) | np.isclose(parameters[::2], high, rtol=1e-6)
     if on_bound.any() or np.any(np.isclose(parameters[1::2], upper[1::2])):
         return None  # a mode that fled to the end of the band is none of it
-    return _Solution(parameters, float(2.0 * found.cost), np.asarray(found.jac, dtype=np.float64))
+    return _Solution(parameters, float(2.0 * result.cost), np.asarray(result.jac, dtype=np.float64))
 
 
 def _unexplained(lines: Sequence[_Lines], solution: _Solution) -> float:
@@ -255,17 +255,17 @@ def _modes(lines: Sequence[_Lines], solution: _Solution) -> tuple[ResponseMode, 
     freedom = max(n_data - solution.parameters.size - 2 * len(lines) * (solution.parameters.size // 2 + 2), 1)
     spread = solution.cost / freedom * _correlated_lines(lines, solution)
     covariance = np.linalg.pinv(solution.jacobian.T @ solution.jacobian) * spread
-    found = []
+    modes = []
     for i, (natural, log_damping) in enumerate(solution.parameters.reshape(-1, 2)):
         deviation = np.sqrt(np.diag(covariance)[2 * i : 2 * i + 2])
         damping = math.exp(log_damping)
-        found.append(
+        modes.append(
             ResponseMode(
                 Estimate(float(natural), float(deviation[0]), float(freedom)),
                 Estimate(damping, damping * float(deviation[1]), float(freedom)),
             )
         )
-    return tuple(sorted(found, key=lambda mode: mode.frequency.value))
+    return tuple(sorted(modes, key=lambda mode: mode.frequency.value))
 
 
 def _correlated_lines(lines: Sequence[_Lines], solution: _Solution) -> float:

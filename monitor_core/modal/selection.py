@@ -274,9 +274,9 @@ def _two_modes(lines: FitLines, one_mode: Solution) -> Solution | None:
     if degrees_of_freedom(lines, ModelOrder(2, one_mode.order.n_tones)) <= 0:
         return None
     starts = start_two_modes(lines, one_mode.parameters[:2])
-    found = [
+    pairs = [
         minimise(lines, np.append(start, tones), ModelOrder(2, tones.size))
         for tones in ([one_mode.tones] if one_mode.order.n_tones == 0 else [one_mode.tones, one_mode.tones[:0]])
         for start in starts
     ]
-    return min((solution for solution in found if solution is not None), key=lambda s: s.bic, default=None)
+    return min((solution for solution in pairs if solution is not None), key=lambda s: s.bic, default=None)

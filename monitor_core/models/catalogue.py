@@ -192,5 +192,5 @@ def _by_field(drive: CatalogueDrive) -> dict[str, float]:
 
 
 def _first_frequency(parameters: ReceptanceParameters, position: float, preload: float, motor_end: MotorEnd) -> float:
-    found = ExtendedModel.of(parameters).natural_frequencies(DriveConditions(position, preload), motor_end)
-    return next(mode.frequency for mode in found if mode.frequency > 0.0)
+    modes = ExtendedModel.of(parameters).natural_frequencies(DriveConditions(position, preload), motor_end)
+    return next(mode.frequency for mode in modes if mode.frequency > 0.0)

@@ -45,5 +45,5 @@ def build_model(family: str, parameters: Mapping[str, float]) -> DriveModel:
     that end with the unit, such as ``table_mass_kg``. ``OutsideValidityError`` if the family is unknown, a name is
     missing or not one of the family, or a value is out of range.
     """
-    found = family_named(family)
-    return found.model(found.parameters.from_file_names(parameters, found.name))
+    named = family_named(family)
+    return named.model(named.parameters.from_file_names(parameters, named.name))

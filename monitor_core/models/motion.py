@@ -130,8 +130,8 @@ def _advanced(samples: FloatArray, by: float) -> FloatArray:
     whole = math.floor(by)
     t = by - whole
     weights = (-t + 2.0 * t**2 - t**3, 2.0 - 5.0 * t**2 + 3.0 * t**3, t + 4.0 * t**2 - 3.0 * t**3, t**3 - t**2)
-    at = np.arange(samples.size) + whole
-    neighbours = (samples[np.clip(at + k, 0, samples.size - 1)] for k in (-1, 0, 1, 2))
+    indices = np.arange(samples.size) + whole
+    neighbours = (samples[np.clip(indices + k, 0, samples.size - 1)] for k in (-1, 0, 1, 2))
     return sum((0.5 * weight * values for weight, values in zip(weights, neighbours, strict=True)), np.zeros(()))
 
 

@@ -145,16 +145,16 @@ class DriveParameters:
     @classmethod
     def from_file_names(cls, values: Mapping[str, float], family: str) -> Self:
         """Make the record from the names that a model file uses; a missing, unknown or impossible value is refused."""
-        known = {name_in_file(item.name): item for item in fields(cls)}
-        unknown = sorted(set(values) - set(known))
+        field_of = {name_in_file(item.name): item for item in fields(cls)}
+        unknown = sorted(set(values) - set(field_of))
         if unknown:
             raise OutsideValidityError(
-                f"a {family} model has no parameter {unknown[0]}; it has {', '.join(sorted(known))}"
+                f"a {family} model has no parameter {unknown[0]}; it has {', '.join(sorted(field_of))}"
             )
-        missing = [name for name, item in known.items() if item.default is MISSING and name not in values]
+        missing = [name for name, item in field_of.items() if item.default is MISSING and name not in values]
         if missing:
             raise OutsideValidityError(f"a {family} model needs {', '.join(missing)}; the file does not state it")
-        return cls(**{known[name].name: value for name, value in values.items()})
+        return cls(**{field_of[name].name: value for name, value in values.items()})
 
     def to_file_names(self) -> dict[str, float]:
         """Return what is stated, by the names that a model file uses."""

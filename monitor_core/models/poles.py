@@ -54,9 +54,15 @@ def zeros_between(
             break
         if done.any():
             zeros[sought[done]] = np.where(lost & ~at_zero, np.nan, best)[done]
-            on = ~done
-            sought, which, distance, tolerance, share = sought[on], which[on], distance[on], tolerance[on], share[on]
-            x1, x2, x3, f1, f2, f3 = x1[on], x2[on], x3[on], f1[on], f2[on], f3[on]
+            running = ~done
+            sought, which, distance, tolerance, share = (
+                sought[running],
+                which[running],
+                distance[running],
+                tolerance[running],
+                share[running],
+            )
+            x1, x2, x3, f1, f2, f3 = x1[running], x2[running], x3[running], f1[running], f2[running], f3[running]
         if step:
             share = _share((x1, x2, x3), (f1, f2, f3))
             margin = 0.5 * tolerance / distance

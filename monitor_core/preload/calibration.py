@@ -295,8 +295,8 @@ def minimum_detectable_loss(
     """
     k, dof = calibration.coefficients, calibration.parameters.degrees_of_freedom
     healthy = calibration.preload.upper if preload is None else preload
-    where = np.linspace(calibration.position.lower, calibration.position.upper, 101)
-    f = axial_frequency(where if position is None else np.array([position]), healthy, k)
+    positions = np.linspace(calibration.position.lower, calibration.position.upper, 101)
+    f = axial_frequency(positions if position is None else np.array([position]), healthy, k)
     quantiles = scipy.special.stdtrit(dof, 0.95) + scipy.special.stdtrit(dof, 0.90)
     fall = quantiles * calibration.residual_sd / np.sqrt(n_measurements)
     feature = k.k3 * np.cbrt(1.0 / healthy) + 2.0 * fall / f**3

@@ -247,10 +247,10 @@ def _doubt(
     """Put a deviation into words; of a residue with what the rigid-body line says of it."""
     reason, sentence = TOLERANCES[name].doubt, before + _sentence(name, deviations[name])
     causes = causes_of_residue(deviations, calibration) if name is WitnessName.RESIDUE else None
-    said = "" if causes is None else in_words(causes, deviations[name])
+    cause = "" if causes is None else in_words(causes, deviations[name])
     if causes == (ResidueCause.MASS,):
         reason = DoubtReason.MOVED_MASS_CHANGED
-    return Doubt(reason, f"{sentence}; {said}" if said else sentence)
+    return Doubt(reason, f"{sentence}; {cause}" if cause else sentence)
 
 
 def preload_risen(preload: Estimate, highest: float) -> Doubt | None:

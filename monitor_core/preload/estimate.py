@@ -58,8 +58,8 @@ class PreloadEstimate:
 
     def with_doubts(self, doubts: Sequence[Doubt]) -> "PreloadEstimate":
         """Add doubts; of one reason the first is kept."""
-        known = {doubt.reason: doubt for doubt in (*reversed(doubts), *reversed(self.doubts))}
-        return replace(self, doubts=tuple(reversed(known.values())))
+        by_reason = {doubt.reason: doubt for doubt in (*reversed(doubts), *reversed(self.doubts))}
+        return replace(self, doubts=tuple(reversed(by_reason.values())))
 
     @property
     def feature_scatter(self) -> float:
@@ -263,11 +263,11 @@ def _refuse_other_excitation(
     calibration: Calibration, source: ExcitationSource | None, quantity: ExcitationQuantity | None
 ) -> Rejection | None:
     """Refuse another excitation: torque at the screw, motor torque and force see different poles."""
-    known = calibration.excitation_quantity
-    if quantity is not None and known is not None and quantity != known:
+    calibrated = calibration.excitation_quantity
+    if quantity is not None and calibrated is not None and quantity != calibrated:
         return Rejection(
             RejectionReason.EXCITATION_SOURCE_MISMATCH,
-            f"the calibration holds for a {known} as excitation; got {quantity}",
+            f"the calibration holds for a {calibrated} as excitation; got {quantity}",
         )
     if source is not None and source != calibration.excitation_source:
         return Rejection(

@@ -309,8 +309,10 @@ def _regress(
         temperature_coefficient = Estimate(0.0, UNKNOWN_TEMPERATURE_COEFFICIENT * typical)
     declared = declared_influences(moving_mass, temperature_coefficient, float(columns.payload.min()))
     parameters, names = known_parameters(fitted, fitted_names, declared)
-    at = {name: float(v) for name, v in zip(fitted_names, fitted.values, strict=True)}
-    influence = InfluenceCoefficients(at.get(INVERSE_MOVING_MASS, 0.0), at.get(TEMPERATURE_COEFFICIENT, 0.0))
+    value_of = {name: float(v) for name, v in zip(fitted_names, fitted.values, strict=True)}
+    influence = InfluenceCoefficients(
+        value_of.get(INVERSE_MOVING_MASS, 0.0), value_of.get(TEMPERATURE_COEFFICIENT, 0.0)
+    )
     predicted = from_reference(
         feature_design(columns.position, columns.preload) @ fitted.values[:4],
         payload_excess,

@@ -127,9 +127,9 @@ def proposed_setting(
 
     def cost(item: PlannedSetting) -> tuple[bool, float, int]:
         settings, again = [*measured, item], sum(_is_same(item, other) for other in measured)
-        found = None if expected is None else smallest_loss(settings, expected, places, healthy_preload)
-        if found is not None:
-            return False, round(found, 9), again
+        loss = None if expected is None else smallest_loss(settings, expected, places, healthy_preload)
+        if loss is not None:
+            return False, round(loss, 9), again
         rows = _rows(settings) / scale
         determinant = float(np.linalg.slogdet(rows.T @ rows + _RIDGE * np.eye(4))[1])
         return True, -round(determinant, 9), again
@@ -153,8 +153,8 @@ def _left(
         return None
     settings = list(measured)
     for count in range(_MOST):
-        found = smallest_loss(settings, expected, places, healthy_preload)
-        if found is not None and found <= wished_loss:
+        loss = smallest_loss(settings, expected, places, healthy_preload)
+        if loss is not None and loss <= wished_loss:
             return count
         settings.append(proposed_setting(settings, grid, expected, healthy_preload))
     return None

@@ -142,8 +142,8 @@ def fit_witness(name: WitnessName, values: Sequence[float], settings: Sequence[S
     columns = {term: np.array([row[term] for row in rows]) for term in TERMS}
     terms: list[str] = []
     for term in TERMS:
-        known = np.column_stack([columns[t] for t in terms]) if terms else np.zeros((len(values), 0))
-        own = columns[term] - known @ np.linalg.lstsq(known, columns[term])[0]
+        regressors = np.column_stack([columns[t] for t in terms]) if terms else np.zeros((len(values), 0))
+        own = columns[term] - regressors @ np.linalg.lstsq(regressors, columns[term])[0]
         determined = float(own.std()) > _DISTINCT[term] if terms else True
         if determined and len(values) - len(terms) - 1 >= _FEWEST_DEGREES_OF_FREEDOM:
             terms.append(term)

@@ -95,15 +95,15 @@ def found_rate(
         of_charts = _alarms(residual[which], reference[which], design).mean(axis=1) * per_year
         return np.asarray(of_charts + EVIDENCE_SHARE * design.settings.false_alarms_per_year)
 
-    found = float(rates(np.arange(n, dtype=np.float64)[None, :], _HISTORIES * 10)[0])
+    rate = float(rates(np.arange(n, dtype=np.float64)[None, :], _HISTORIES * 10)[0])
     drawn = rng.integers(n, size=(_HISTORIES, n // BLOCK)).astype(np.float64)
     ends = np.array([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     resampled = np.quantile(rates(drawn, _YEARS), ends)
     years = n / design.sessions_per_year
-    rare = scipy.special.gammaincinv(found * years + 0.5, ends) / years
-    low, high = float(min(resampled[0], rare[0], found)), float(max(resampled[1], rare[1], found))
+    rare = scipy.special.gammaincinv(rate * years + 0.5, ends) / years
+    low, high = float(min(resampled[0], rare[0], rate)), float(max(resampled[1], rare[1], rate))
     interval = Interval(low, high, IntervalKind.CONFIDENCE, level)
-    return FoundRate(found, interval, n)
+    return FoundRate(rate, interval, n)
 
 
 def _alarms(residual: FloatArray, reference: FloatArray, design: DetectorDesign) -> FloatArray:

@@ -62,9 +62,9 @@ def trend_line(sessions: Sequence[Session], prior: Prior | None = None) -> Trend
         _covariate([session.temperature for session in chosen], KELVIN),
         _covariate([session.drag_torque for session in chosen], None),
     ])  # fmt: skip
-    known = np.array([_OPEN, _OPEN, *prior.deviations]) ** -2.0
+    precision = np.array([_OPEN, _OPEN, *prior.deviations]) ** -2.0
     lent = design[:, 2:] @ np.array(prior.coefficients)
-    fits = [_fit((values - zero - lent) / unit, design, known, days, structure) for structure in STRUCTURES]
+    fits = [_fit((values - zero - lent) / unit, design, precision, days, structure) for structure in STRUCTURES]
     weight = np.array(prior.weights)
     evidence = np.array([fit.log_evidence for fit in fits])
     weight = weight * np.exp(evidence - evidence.max())
@@ -88,7 +88,9 @@ class _Fit:
     log_evidence: float
 
 
-def _fit(values: FloatArray, design: FloatArray, known: FloatArray, days: FloatArray, structure: Structure) -> _Fit:
+def _fit(
+    values: FloatArray, design: FloatArray, prior_precision: FloatArray, days: FloatArray, structure: Structure
+) -> _Fit:
     """Return the posterior of a structure, in the normal–inverse-gamma family with nothing known of σ²."""
     apart = np.abs(days[:, None] - days[None, :])
     covariance = structure.share * structure.correlation**apart
@@ -96,7 +98,7 @@ def _fit(values: FloatArray, design: FloatArray, known: FloatArray, days: FloatA
     factor = scipy.linalg.cholesky(covariance, lower=True)
     white = scipy.linalg.solve_triangular(factor, np.column_stack([values, design]), lower=True)
     y, x = white[:, 0], white[:, 1:]
-    precision = x.T @ x + np.diag(known)
+    precision = x.T @ x + np.diag(prior_precision)
     inverse = scipy.linalg.inv(precision)
     mean = inverse @ (x.T @ y)
     squares = float(y @ y - mean @ precision @ mean)
@@ -119,8 +121,8 @@ def _changes(sessions: Sequence[Session]) -> FloatArray:
 
 def _covariate(stated: Sequence[float | None], unit: float | None) -> FloatArray:
     """Return a covariate about its mean, in its unit or as a share of itself; 0 where it was not stated."""
-    known = [value for value in stated if value is not None]
-    mean = float(np.mean(known)) if known else 0.0
+    known_values = [value for value in stated if value is not None]
+    mean = float(np.mean(known_values)) if known_values else 0.0
     unit = DRAG_SHARE * abs(mean) if unit is None else unit
     if unit == 0.0:
         return np.zeros(len(stated))

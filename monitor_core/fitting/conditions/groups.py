@@ -104,9 +104,9 @@ class Grouping:
 
 def groupings(layout: Layout, n_bands: int) -> tuple[Grouping, ...]:
     """Return every grouping with at least two groups: conditions, channels, and modes or so many logarithmic bands."""
-    found = [by_condition(layout, axis) for axis in CONDITIONS]
-    found += [_by_channel(layout), by_frequency(layout, n_bands)]
-    return tuple(grouping for grouping in found if grouping is not None and grouping.n_groups > 1)
+    groups = [by_condition(layout, axis) for axis in CONDITIONS]
+    groups += [_by_channel(layout), by_frequency(layout, n_bands)]
+    return tuple(grouping for grouping in groups if grouping is not None and grouping.n_groups > 1)
 
 
 def by_frequency(layout: Layout, n_bands: int) -> Grouping | None:
@@ -139,17 +139,17 @@ def modes_that_stay(layout: Layout) -> tuple[int, ...]:
     """
     if has_lines(layout):
         return ()
-    found = []
+    staying = []
     for channel in range(len(layout.channels)):
-        at = (layout.channel == channel) & np.isfinite(layout.frequency)
-        positions = levels_of(layout, ConditionAxis.POSITION)[layout.setting[at]]
+        of_mode = (layout.channel == channel) & np.isfinite(layout.frequency)
+        positions = levels_of(layout, ConditionAxis.POSITION)[layout.setting[of_mode]]
         if np.unique(positions).size < _FEWEST_POSITIONS:
             continue
-        logarithm, weight = np.log(layout.frequency[at]), layout.standard_deviation[at] ** -2.0
+        logarithm, weight = np.log(layout.frequency[of_mode]), layout.standard_deviation[of_mode] ** -2.0
         apart = logarithm - np.average(logarithm, weights=weight)
         if weight @ apart**2 <= scipy.special.chdtri(logarithm.size - 1, 1.0 - _SCATTER):
-            found.append(channel)
-    return tuple(found)
+            staying.append(channel)
+    return tuple(staying)
 
 
 def by_condition(layout: Layout, axis: ConditionAxis) -> Grouping | None:

@@ -156,7 +156,7 @@ def varied_conditions(layout: Layout) -> frozenset[ConditionAxis]:
     for setting in layout.settings:
         for axis, value in setting.values.items():
             values.setdefault(axis, set()).add(value)
-    varied = {axis for axis, found in values.items() if len(found) > 1}
+    varied = {axis for axis, different in values.items() if len(different) > 1}
     if has_lines(layout):
         varied.add(ConditionAxis.FREQUENCY)
     return frozenset(varied)

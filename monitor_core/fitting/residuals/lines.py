@@ -110,7 +110,7 @@ def clear_responses(
     numbers: dict[tuple[DriveConditions, int], int] = {}
     seen: dict[tuple[DriveConditions, str, str], int] = {}
     gains: dict[int, int] = {}
-    found = []
+    clear = []
     for place, observation in enumerate(observations):
         point = (observation.conditions, str(observation.excitation), str(observation.response_point))
         repeat = seen.get(point, 0)
@@ -118,8 +118,8 @@ def clear_responses(
         number = numbers.setdefault((observation.conditions, repeat), len(numbers))
         gain = gains.get(number, 0)
         gains[number] = gain + 1
-        found.append(ClearResponse(number, gain, observation, clear_lines(observation, least_signal_to_noise), place))
-    ordered = sorted(found, key=lambda response: (response.setting, response.gain))
+        clear.append(ClearResponse(number, gain, observation, clear_lines(observation, least_signal_to_noise), place))
+    ordered = sorted(clear, key=lambda response: (response.setting, response.gain))
     return [response for response in ordered if np.any(response.clear)]
 
 

@@ -28,8 +28,10 @@ class FormSpectrum:
 
     def relative_deviation(self, frequency: FloatArray, response: ComplexArray) -> FloatArray:
         """Return the deviation of the lines of a measured response, shape (n_lines,); constant beyond the knots."""
-        at, knots = np.log(frequency), np.log(self.frequency)
-        flat, tolerance = (np.interp(at, knots, values) for values in (self.deviation, self.frequency_tolerance))
+        logarithms, knots = np.log(frequency), np.log(self.frequency)
+        flat, tolerance = (
+            np.interp(logarithms, knots, values) for values in (self.deviation, self.frequency_tolerance)
+        )
         return np.hypot(flat, tolerance * steepness(frequency, response))
 
 

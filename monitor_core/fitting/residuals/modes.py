@@ -127,15 +127,15 @@ class ModesComparison(AsMeasured):
         ]
         panels = []
         for channel, preload in dict.fromkeys(series):
-            at = np.array([pair == (channel, preload) for pair in series])
+            of_series = np.array([pair == (channel, preload) for pair in series])
             panels.append(
                 Panel(
                     title=self.layout.channels[channel] + ("" if preload is None else f", {preload:g} N"),
                     x_name="position [mm]",
-                    y_name="damping ratio [-]" if np.any(at & self.damping) else "natural frequency [Hz]",
-                    x=1e3 * position[at],
-                    measured=measured[at],
-                    models={name: values[at] for name, values in predicted.items()},
+                    y_name="damping ratio [-]" if np.any(of_series & self.damping) else "natural frequency [Hz]",
+                    x=1e3 * position[of_series],
+                    measured=measured[of_series],
+                    models={name: values[of_series] for name, values in predicted.items()},
                 )
             )
         return tuple(panels)
@@ -187,7 +187,7 @@ def compare_modes(
         raise NotIdentifiableError("a comparison needs at least one natural frequency; got none")
     conditions = conditions_in_order(observations)
     values = modal_values(observations, {stated: index for index, stated in enumerate(conditions)})
-    at = {value.observation: index for index, value in enumerate(values) if not value.is_damping}
+    place_of = {value.observation: index for index, value in enumerate(values) if not value.is_damping}
     channels = sorted({(value.is_damping, value.order) for value in values})
     setting = np.array([value.setting for value in values])
     with_damping_ratios = any(value.is_damping for value in values)
@@ -206,7 +206,7 @@ def compare_modes(
         conditions=conditions,
         motor_end=motor_end,
         measured=np.array([value.measured for value in values]),
-        frequency_of=np.array([at[value.observation] for value in values]),
+        frequency_of=np.array([place_of[value.observation] for value in values]),
         unit="sigma" if with_damping_ratios else "Hz" if single_order else "%",
         tolerances=tolerances or SettingTolerances(),
     )

@@ -83,8 +83,8 @@ def assign_modes(predicted: FloatArray, measured: FloatArray, missed: float) -> 
     came_from = [[0] * (m + 1)]  # 1: matched, 2: measured missed, 0: predicted skipped
     for value in measured.tolist():
         least, steps = [before[0] + missed], [2]
-        for j, at in enumerate(of_model):
-            choices = [(least[j], 0), (before[j] + abs(at - value), 1), (before[j + 1] + missed, 2)]
+        for j, frequency in enumerate(of_model):
+            choices = [(least[j], 0), (before[j] + abs(frequency - value), 1), (before[j + 1] + missed, 2)]
             cost, step = min(choices)
             least.append(cost)
             steps.append(step)
@@ -239,7 +239,7 @@ def elastic_frequencies(
 ) -> list[FloatArray]:
     """Return the natural frequencies above zero under each of the conditions, rising, shape (n_modes,) each [Hz]."""
     if isinstance(model, ExtendedModel):
-        found = model.natural_frequencies_under(conditions, motor_end)
+        modes_of_each = model.natural_frequencies_under(conditions, motor_end)
     else:
-        found = tuple(model.natural_frequencies(where, motor_end) for where in conditions)
-    return [np.array([mode.frequency for mode in modes if mode.frequency > 0.0]) for modes in found]
+        modes_of_each = tuple(model.natural_frequencies(stated, motor_end) for stated in conditions)
+    return [np.array([mode.frequency for mode in modes if mode.frequency > 0.0]) for modes in modes_of_each]

@@ -286,8 +286,8 @@ def _around(top: IndexArray) -> IndexArray:
 
 def _parabola(values: ComplexArray) -> ComplexArray:
     """Return constant, slope and half the bend of the parabola through three lines, shape (3, …) as the values."""
-    below, at, above = values
-    return np.stack([at, 0.5 * (above - below), 0.5 * (above + below) - at])
+    below, top, above = values
+    return np.stack([top, 0.5 * (above - below), 0.5 * (above + below) - top])
 
 
 def _along(curve: ComplexArray, t: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:

@@ -145,10 +145,10 @@ class ResponsesComparison(GapInSigma):
     @property
     def records(self) -> tuple[tuple[int, ...], ...]:
         """Return the numbers of the observations, from 0 as they were given, that each setting was measured by."""
-        found: list[list[int]] = [[] for _ in self.layout.settings]
+        numbers: list[list[int]] = [[] for _ in self.layout.settings]
         for number, setting in zip(self.source.numbers, self.setting_of_response.tolist(), strict=True):
-            found[setting].append(number)
-        return tuple(map(tuple, found))
+            numbers[setting].append(number)
+        return tuple(map(tuple, numbers))
 
     @property
     def response_of_value(self) -> npt.NDArray[np.intp]:

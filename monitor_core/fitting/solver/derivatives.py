@@ -27,10 +27,10 @@ def residual_jacobian(
     if not coordinates.size:
         return np.zeros((around.here.size, 0))
     take = derivative if central else one_sided_derivative
-    known = _slopes(around, hypothesis, coordinates, central=central)
+    slopes = _slopes(around, hypothesis, coordinates, central=central)
     columns = [
         take(around, hypothesis, coordinates, around.here, index) if slope is None else slope
-        for index, slope in enumerate(known)
+        for index, slope in enumerate(slopes)
     ]
     whitened: FloatArray = around.whitened_by(np.array(columns)).T
     return whitened
@@ -40,9 +40,9 @@ def _slopes(
     around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, *, central: bool
 ) -> Sequence[FloatArray | None]:
     """Return the derivatives that the comparison knows."""
-    comparison, found = around.comparison, list[FloatArray | None]([None] * coordinates.size)
+    comparison, columns = around.comparison, list[FloatArray | None]([None] * coordinates.size)
     if not isinstance(comparison, HasSlopes):
-        return found
+        return columns
     here, upper = hypothesis.physics(coordinates), hypothesis.bounds[1]
     moves: dict[int, Move[Physics]] = {}
     for index in range(coordinates.size):
@@ -56,10 +56,10 @@ def _slopes(
     try:
         slopes = comparison.slopes(here, list(moves.values()))
     except OutsideValidityError:
-        return found
+        return columns
     for index, slope in zip(moves, slopes, strict=True):
-        found[index] = slope
-    return found
+        columns[index] = slope
+    return columns
 
 
 def derivative(

@@ -98,7 +98,7 @@ def evolve(
         steps.reach(steps.done + 1)
 
     steps.reach(steps.done)
-    found = scipy.optimize.differential_evolution(
+    result = scipy.optimize.differential_evolution(
         evaluate,
         list(zip(bounds.lower, bounds.upper, strict=True)),
         popsize=candidates_per_coordinate,
@@ -111,7 +111,7 @@ def evolve(
         updating="deferred",
         vectorized=True,
     )
-    return np.asarray(found.x, dtype=np.float64)
+    return np.asarray(result.x, dtype=np.float64)
 
 
 class StartOrigin(StrEnum):

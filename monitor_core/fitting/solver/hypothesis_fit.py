@@ -83,8 +83,8 @@ class Fitted(Generic[Physics]):
         """How many unknowns of the effects move what was measured: frequencies, for one, do not show a damping."""
         unknowns, first = self.hypothesis.unknowns, self.hypothesis.n_uncertain
         others = [n for n, (effect, parameter) in enumerate(unknowns, first) if parameter is not effect.parameters[0]]
-        at = (self.around, self.hypothesis, self.coordinates, self.misfit)
-        return len(unknowns) - sum(1 for n in others if not np.any(one_sided_derivative(*at, n)))
+        linearisation = (self.around, self.hypothesis, self.coordinates, self.misfit)
+        return len(unknowns) - sum(1 for n in others if not np.any(one_sided_derivative(*linearisation, n)))
 
     @cached_property
     def held_out(self) -> HeldOut | None:
@@ -181,42 +181,44 @@ def fit(
     """
     layout = comparison.layout
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
-    at = np.clip(start, *hypothesis.bounds)
+    coordinates = np.clip(start, *hypothesis.bounds)
     none = np.zeros((len(layout.settings), len(comparison.condition_error_names)))
     sought = none if errors is None else errors
     tolerance, given_up = math.inf, False
 
     def likely(deviation: FloatArray) -> Callable[[FloatArray], Linearised[Physics]]:
         """Linearise along a search from here, resolution of the data and slopes by the errors as they are here."""
-        resolved = resolved_at_errors(comparison, hypothesis, sought, at)
+        resolved = resolved_at_errors(comparison, hypothesis, sought, coordinates)
         likely_at = partial(linearise_at_likely_errors, resolved, hypothesis, sought, deviation)
-        here = likely_at(at)
-        return remembered(partial(likely_at, estimated_by=here.whitened_by), at, here)
+        here = likely_at(coordinates)
+        return remembered(partial(likely_at, estimated_by=here.whitened_by), coordinates, here)
 
     for _ in range(_MOST_STAGES):
         before = tolerance
-        misfit = comparison.shifted(sought).misfit(hypothesis.physics(at))
+        misfit = comparison.shifted(sought).misfit(hypothesis.physics(coordinates))
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
         tempered = likely(np.hypot(layout.standard_deviation, tolerance))
         stage = Pace(_OF_A_STAGE)
-        at = nearest_minimum(tempered, hypothesis, at, chosen, stage)
-        sought = tempered(at).errors
-    around = linearise_at_likely_errors(comparison, hypothesis, sought, layout.standard_deviation, at)
+        coordinates = nearest_minimum(tempered, hypothesis, coordinates, chosen, stage)
+        sought = tempered(coordinates).errors
+    around = linearise_at_likely_errors(comparison, hypothesis, sought, layout.standard_deviation, coordinates)
     for _ in range(_MOST_ROUNDS if not tolerance and hypothesis.n_coordinates else 0):
         sought = around.errors
         along = likely(layout.standard_deviation)
         try:
-            at = nearest_minimum(along, hypothesis, at, chosen, Pace(_TO_MINIMUM, to_beat))
+            coordinates = nearest_minimum(along, hypothesis, coordinates, chosen, Pace(_TO_MINIMUM, to_beat))
         except GivenUpError as creeping:
-            at, given_up = creeping.coordinates, True
+            coordinates, given_up = creeping.coordinates, True
         # resolved here, at the errors that are likely now
-        around = linearise_at_likely_errors(comparison, hypothesis, along(at).errors, layout.standard_deviation, at)
-        off = ((around.here - along(at).here) / layout.standard_deviation)[chosen]
+        around = linearise_at_likely_errors(
+            comparison, hypothesis, along(coordinates).errors, layout.standard_deviation, coordinates
+        )
+        off = ((around.here - along(coordinates).here) / layout.standard_deviation)[chosen]
         if given_up or float(np.mean(off**2)) < _SAME_MISFIT**2:
             break
-    return Fitted(comparison, hypothesis, at, around, chosen, given_up, tolerance)
+    return Fitted(comparison, hypothesis, coordinates, around, chosen, given_up, tolerance)
 
 
 def unfitted(like: Fitted[Physics]) -> Fitted[Physics]:
@@ -225,11 +227,11 @@ def unfitted(like: Fitted[Physics]) -> Fitted[Physics]:
     Raises OutsideValidityError if the model has no answer there.
     """
     comparison, hypothesis = like.comparison, like.hypothesis
-    deviation, at = comparison.layout.standard_deviation, hypothesis.null
-    tolerance = _tolerance(comparison.misfit(hypothesis.physics(at)), deviation, like.fitted)
+    deviation, null = comparison.layout.standard_deviation, hypothesis.null
+    tolerance = _tolerance(comparison.misfit(hypothesis.physics(null)), deviation, like.fitted)
     errors = np.zeros((len(comparison.layout.settings), len(comparison.condition_error_names)))
-    around = linearise_at_likely_errors(comparison, hypothesis, errors, np.hypot(deviation, tolerance), at)
-    return Fitted(comparison, hypothesis, at, around, like.fitted, tolerance=tolerance)
+    around = linearise_at_likely_errors(comparison, hypothesis, errors, np.hypot(deviation, tolerance), null)
+    return Fitted(comparison, hypothesis, null, around, like.fitted, tolerance=tolerance)
 
 
 def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:

@@ -146,7 +146,7 @@ def fit_local(problem: Problem, bounds: Bounds, start: FloatArray, settings: Fit
     settings = settings or FitSettings()
     objective = _Objective(problem, bounds, np.asarray(start, dtype=np.float64), settings)
     try:
-        found = scipy.optimize.least_squares(
+        result = scipy.optimize.least_squares(
             objective.residuals,
             objective.start,
             jac=objective.jacobian,
@@ -159,7 +159,7 @@ def fit_local(problem: Problem, bounds: Bounds, start: FloatArray, settings: Fit
         )
     except np.linalg.LinAlgError as error:
         raise OutsideValidityError(f"the Jacobian cannot be decomposed on the way from this start: {error}") from error
-    return _polished(objective, bounds, _onto_bounds(np.clip(found.x, bounds.lower, bounds.upper), bounds))
+    return _polished(objective, bounds, _onto_bounds(np.clip(result.x, bounds.lower, bounds.upper), bounds))
 
 
 class _Objective:

@@ -109,8 +109,8 @@ class Whitening:
         n_errors = estimate.shape[1]
         inverse = np.linalg.inv(np.eye(n_errors) + self.grams)
         variance = np.einsum("skl,slk->sk", inverse, self.grams)
-        known = variance > _LEAST_KNOWN
-        return np.where(known, estimate / np.sqrt(np.where(known, variance, 1.0)), np.nan)
+        determined = variance > _LEAST_KNOWN
+        return np.where(determined, estimate / np.sqrt(np.where(determined, variance, 1.0)), np.nan)
 
     def share_of(self, errors: FloatArray) -> FloatArray:
         """Return the change of the misfit by condition errors, shape (n_values,)."""

@@ -152,11 +152,11 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
 
     still = np.zeros(hypothesis.n_coordinates)
     options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    found = scipy.optimize.minimize(
+    result = scipy.optimize.minimize(
         half_cost, still, method="L-BFGS-B", bounds=[(-_FARTHEST, _FARTHEST)] * still.size, options=options
     )
-    mode = at(found.x)
-    return mode if mode is not None and found.fun < 0.0 else fitted
+    mode = at(result.x)
+    return mode if mode is not None and result.fun < 0.0 else fitted
 
 
 def _integrated(there: Fitted[Physics] | None) -> float:

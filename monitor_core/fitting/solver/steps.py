@@ -54,20 +54,20 @@ def minimum_by_damped_steps(
     ``residuals`` at coordinates have shape (n_residuals,), finite at the start within the bounds and infinite where a
     search must not go; the ``jacobian`` has shape (n_residuals, n_coordinates), and is asked for where it is used only.
     """
-    at, here = start, residuals(start)
+    coordinates, here = start, residuals(start)
     square, n_left, damping, failures = float(here @ here), patience.most_evaluations - 1, patience.damping, 0
     around = None
     while n_left > 0 and damping < _MOST_DAMPING:
-        around = around or _Around.of(jacobian(at), here)
-        step, foretold = around.step(damping, (bounds[0] - at, bounds[1] - at))
+        around = around or _Around.of(jacobian(coordinates), here)
+        step, foretold = around.step(damping, (bounds[0] - coordinates, bounds[1] - coordinates))
         if not foretold > 0.0:
             break
-        trial = np.clip(at + step, *bounds)
+        trial = np.clip(coordinates + step, *bounds)
         there = residuals(trial)
         n_left -= 1
         fall = square - float(there @ there)
         if fall > 0.0:
-            at, here, around, failures = trial, there, None, 0
+            coordinates, here, around, failures = trial, there, None, 0
             square -= fall
             damping *= max(_KEPT, 1.0 - (2.0 * fall / foretold - 1.0) ** 3)
             if fall < patience.flat * square:
@@ -77,7 +77,7 @@ def minimum_by_damped_steps(
         if foretold < (_SMALL if failures >= _FAILURES else patience.flat) * square:
             break
         damping *= _LARGER * 2.0 ** (failures - 1)
-    return at
+    return coordinates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,8 +149,8 @@ def remembered(
 ) -> Callable[[FloatArray], Linearised[Physics]]:
     """Return the same, computed once where a search has taken its last step, or one that was too long."""
     of_start = start.tobytes()
-    known = lru_cache(maxsize=2)(lambda key: at_start if key == of_start else around(np.frombuffer(key)))
-    return lambda coordinates: known(coordinates.tobytes())
+    linearised_at = lru_cache(maxsize=2)(lambda key: at_start if key == of_start else around(np.frombuffer(key)))
+    return lambda coordinates: linearised_at(coordinates.tobytes())
 
 
 class Steps(Generic[Physics]):
@@ -176,10 +176,10 @@ class Steps(Generic[Physics]):
         whitened = around.whitened_by(around.here)[self._chosen]
         if not np.max(np.abs(whitened)) < _LARGEST:
             return nowhere
-        found = np.concatenate([whitened, prior_residuals(self._hypothesis.priors, coordinates)])
-        square = float(found @ found)
+        values = np.concatenate([whitened, prior_residuals(self._hypothesis.priors, coordinates)])
+        square = float(values @ values)
         self._pace.require(lambda: square + around.whitened_by.log_determinant(self._chosen), coordinates)
-        return found
+        return values
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         """Return the derivatives of the residuals."""

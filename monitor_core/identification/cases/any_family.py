@@ -95,7 +95,7 @@ def require_positions(case: Case, wanted: Collection[float]) -> None:
     measured = positions_of(case)
     for position in wanted:
         if position not in measured:
-            listed = ", ".join(f"{1e3 * known:g}" for known in measured)
+            listed = ", ".join(f"{1e3 * x:g}" for x in measured)
             raise NotIdentifiableError(
                 f"a position to hold out must be a measured one, {listed} mm; got {1e3 * position:g} mm"
             )

@@ -86,9 +86,9 @@ def track_modes(
             f"positions and {n_modes} modes"
         )
     frequency, share, sensitivity = (np.zeros((len(conditions), n_modes)) for _ in range(3))
-    of_others = [replace(where, position=0.5 * parameters.screw_length) for where in conditions]
+    of_others = [replace(stated, position=0.5 * parameters.screw_length) for stated in conditions]
     for group in dict.fromkeys(of_others):
-        members = [k for k, where in enumerate(of_others) if where == group]
+        members = [k for k, stated in enumerate(of_others) if stated == group]
         places = [conditions[k].position for k in members]
         first = min(places)
         followed = _followed(parameters, group, motor_end, _steps(parameters.screw_length, places))

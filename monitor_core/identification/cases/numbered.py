@@ -85,9 +85,11 @@ class _ByNumber:
         elastic = dict(zip(places, _elastic_frequencies(model, places), strict=True))
         if any(peak.mode > elastic[peak.observation.conditions].size for peak in self.peaks):
             raise OutsideValidityError("the model has fewer elastic modes than the table numbers")
-        found = [elastic[peak.observation.conditions][peak.mode - 1] for peak in self.peaks]
+        predicted = [elastic[peak.observation.conditions][peak.mode - 1] for peak in self.peaks]
         measured = [peak.observation.frequency for peak in self.peaks]
-        return np.log(np.divide(found, measured)) / [relative_frequency_uncertainty(p.observation) for p in self.peaks]
+        return np.log(np.divide(predicted, measured)) / [
+            relative_frequency_uncertainty(p.observation) for p in self.peaks
+        ]
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         here = self.residuals(coordinates)  # to one side: it is the way that matters, not the last digit of its end
@@ -97,8 +99,8 @@ class _ByNumber:
 def _numbered(observations: Sequence[ModalObservation]) -> tuple[AssignedPeak, ...] | None:
     """Return the peaks with the modes that their numbers say; None unless all rise with the frequency everywhere."""
     peaks = tuple(AssignedPeak(each, each.order) for each in observations if each.order is not None)
-    for where in conditions_in_order(observations):
-        here = sorted((peak for peak in peaks if peak.observation.conditions == where), key=lambda peak: peak.mode)
+    for stated in conditions_in_order(observations):
+        here = sorted((peak for peak in peaks if peak.observation.conditions == stated), key=lambda peak: peak.mode)
         if np.any(np.diff([peak.mode for peak in here]) == 0):
             return None
         if np.any(np.diff([peak.observation.frequency for peak in here]) <= 0.0):
@@ -146,6 +148,6 @@ def _spring_of(name: str) -> str:
 def _elastic_frequencies(model: DriveModel, places: Sequence[DriveConditions]) -> list[FloatArray]:
     """Return natural frequencies above zero, rising [Hz]; those of a chain are had in a tenth of the time."""
     if isinstance(model, ReceptanceModel):
-        chains = (discretise(model.parameters, where, MotorEnd.FREE) for where in places)
+        chains = (discretise(model.parameters, stated, MotorEnd.FREE) for stated in places)
         return [undamped_frequencies(chain) / (2.0 * math.pi) for chain in chains]
     return elastic_frequencies(model, places)

@@ -74,8 +74,8 @@ class MissingPeak:
     @property
     def sentence(self) -> str:
         """What to tell."""
-        where = f"mode {self.mode} near {self.frequency:.0f} Hz has no peak at {self.conditions.position * 1e3:g} mm"
-        return f"{where}: the table stands at its node" if self.masked else f"{where}, where it should be seen"
+        place = f"mode {self.mode} near {self.frequency:.0f} Hz has no peak at {self.conditions.position * 1e3:g} mm"
+        return f"{place}: the table stands at its node" if self.masked else f"{place}, where it should be seen"
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,22 +105,24 @@ def assign_modes(
         raise NotIdentifiableError("modes must be assigned to one peak at least; the table has none")
     conditions = conditions_in_order(observations)
     tracks = track_modes(parameters, conditions, n_modes=n_modes, motor_end=motor_end)
-    where = np.array([conditions.index(observation.conditions) for observation in observations])
+    condition = np.array([conditions.index(observation.conditions) for observation in observations])
     measured = np.log([observation.frequency for observation in observations])
     limit = math.log1p(largest_shift)
-    _require_near(observations, measured, where, tracks, largest_shift)
-    modes, shift = _placed(measured, where, tracks, limit)
-    distance = np.abs(measured - np.log(tracks.frequency[where, modes]))
+    _require_near(observations, measured, condition, tracks, largest_shift)
+    modes, shift = _placed(measured, condition, tracks, limit)
+    distance = np.abs(measured - np.log(tracks.frequency[condition, modes]))
     if np.any(distance > limit):
-        raise NotIdentifiableError(_two_for_one(observations, measured, where, tracks, int(distance.argmax())))
+        raise NotIdentifiableError(_two_for_one(observations, measured, condition, tracks, int(distance.argmax())))
     peaks = tuple(AssignedPeak(peak, int(mode) + 1) for peak, mode in zip(observations, modes, strict=True))
     shown = sorted({int(mode) for mode in modes})
     return ModeAssignment(
-        peaks, _missing(tracks, where, modes, shift), {mode + 1: float(shift[mode]) for mode in shown}
+        peaks, _missing(tracks, condition, modes, shift), {mode + 1: float(shift[mode]) for mode in shown}
     )
 
 
-def _placed(measured: FloatArray, where: IndexArray, tracks: ModeTracks, limit: float) -> tuple[IndexArray, FloatArray]:
+def _placed(
+    measured: FloatArray, condition: IndexArray, tracks: ModeTracks, limit: float
+) -> tuple[IndexArray, FloatArray]:
     """Return the mode of each peak, counted from 0, and the shift of each mode."""
     model = np.log(tracks.frequency)
     masked = _MASKED_COST * (tracks.table_share < MASKED_BELOW)
@@ -128,7 +130,7 @@ def _placed(measured: FloatArray, where: IndexArray, tracks: ModeTracks, limit: 
     for _ in range(_ROUNDS):
         before = modes.copy()
         for place in range(len(tracks.conditions)):
-            here = np.flatnonzero(where == place)
+            here = np.flatnonzero(condition == place)
             # more peaks than modes: the last of them stay without one, which is refused by their distance
             cost = (measured[here, None] - model[place] - shift) ** 2 + masked[place]
             rows, columns = scipy.optimize.linear_sum_assignment(cost)
@@ -139,22 +141,22 @@ def _placed(measured: FloatArray, where: IndexArray, tracks: ModeTracks, limit: 
         for mode in range(tracks.n_modes):
             own = modes == mode
             if np.any(own):
-                shift[mode] = np.clip(np.mean(measured[own] - model[where[own], mode]), -limit, limit)
+                shift[mode] = np.clip(np.mean(measured[own] - model[condition[own], mode]), -limit, limit)
     return modes, shift
 
 
 def _require_near(
     observations: Sequence[ModalObservation],
     measured: FloatArray,
-    where: IndexArray,
+    condition: IndexArray,
     tracks: ModeTracks,
     largest_shift: float,
 ) -> None:
-    away = np.abs(measured[:, None] - np.log(tracks.frequency[where]))
+    away = np.abs(measured[:, None] - np.log(tracks.frequency[condition]))
     nearest = away.min(axis=1)
     k = int(nearest.argmax())
     if nearest[k] > math.log1p(largest_shift):
-        model = tracks.frequency[where[k], away[k].argmin()]
+        model = tracks.frequency[condition[k], away[k].argmin()]
         raise NotIdentifiableError(
             f"a peak must lie within {largest_shift:.0%} of a mode of the model; {observations[k].name} is nearest to "
             f"one at {model:.0f} Hz"
@@ -162,11 +164,15 @@ def _require_near(
 
 
 def _two_for_one(
-    observations: Sequence[ModalObservation], measured: FloatArray, where: IndexArray, tracks: ModeTracks, worst: int
+    observations: Sequence[ModalObservation],
+    measured: FloatArray,
+    condition: IndexArray,
+    tracks: ModeTracks,
+    worst: int,
 ) -> str:
     """Name the two peaks, at the position of the one that found no mode, that are nearest to the same mode."""
-    here = np.flatnonzero(where == where[worst])
-    nearest = np.abs(measured[here, None] - np.log(tracks.frequency[where[worst]])).argmin(axis=1)
+    here = np.flatnonzero(condition == condition[worst])
+    nearest = np.abs(measured[here, None] - np.log(tracks.frequency[condition[worst]])).argmin(axis=1)
     shared = next((mode for mode in nearest if np.sum(nearest == mode) > 1), None)
     if shared is None:
         return f"{observations[worst].name} belongs to no mode once the others at its position have theirs"
@@ -177,8 +183,10 @@ def _two_for_one(
     )
 
 
-def _missing(tracks: ModeTracks, where: IndexArray, modes: IndexArray, shift: FloatArray) -> tuple[MissingPeak, ...]:
-    present = set(zip(where.tolist(), modes.tolist(), strict=True))
+def _missing(
+    tracks: ModeTracks, condition: IndexArray, modes: IndexArray, shift: FloatArray
+) -> tuple[MissingPeak, ...]:
+    present = set(zip(condition.tolist(), modes.tolist(), strict=True))
     return tuple(
         MissingPeak(
             conditions,
@@ -230,12 +238,12 @@ class PeakCase:
         return tuple(
             PredictionError(
                 peak.observation.conditions,
-                float(frequency / peak.observation.frequency - 1.0) if found else -1.0,
+                float(frequency / peak.observation.frequency - 1.0) if is_found else -1.0,
                 peak.mode,
                 peak.observation.frequency,
-                float(frequency) if found else None,
+                float(frequency) if is_found else None,
             )
-            for peak, found, frequency in zip(problem.peaks, here.found, here.frequency, strict=True)
+            for peak, is_found, frequency in zip(problem.peaks, here.found, here.frequency, strict=True)
         )
 
     def planned(self, coordinates: FloatArray, conditions: Sequence[DriveConditions]) -> PlannedMeasurements:
@@ -315,20 +323,20 @@ def planned_peaks(
     ``of_frequency`` and ``of_amplitude`` are relative standard uncertainties of what would be read [-].
     """
     parameters, planned = drive.record(coordinates), []
-    for where in conditions:
-        grid = peak_grid(receptance_axis(drive), [Place(where, band) for band in bands.values()])
-        tops = find_peaks(grid, joints_of(parameters, where))
+    for stated in conditions:
+        grid = peak_grid(receptance_axis(drive), [Place(stated, band) for band in bands.values()])
+        tops = find_peaks(grid, joints_of(parameters, stated))
         read = zip(bands, tops.found, tops.frequency.tolist(), tops.amplitude.tolist(), strict=True)
         expected = [
             AssignedPeak(
-                ModalObservation(where, frequency, of_frequency * frequency, amplitude, of_amplitude * amplitude), mode
+                ModalObservation(stated, frequency, of_frequency * frequency, amplitude, of_amplitude * amplitude), mode
             )
-            for mode, found, frequency, amplitude in read
-            if found
+            for mode, is_found, frequency, amplitude in read
+            if is_found
         ]
         if expected:
             problem = peak_problem(drive, expected, bands=bands, minimum_positions=0, minimum_data=1)
-            planned.append((where, problem.jacobian(coordinates)))
+            planned.append((stated, problem.jacobian(coordinates)))
     return tuple(planned)
 
 

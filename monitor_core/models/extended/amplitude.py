@@ -75,9 +75,9 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
         return path
     motion = motion_at(physics, lines, states)
     energies, weights = (_ENERGIES, _WEIGHTS) if cubic else (np.array([2.0]), np.ones(1))
-    found = [_balanced(motion, friction, cubic, float(energy)) for energy in energies]
+    balances = [_balanced(motion, friction, cubic, float(energy)) for energy in energies]
     # cases of small signals, numbered −1, find the zero behind the last excitation
-    rows = np.pad(np.array(found), ((0, 0), (0, 0), (0, 1)))[..., lines.excitations.of_case[lines.drive.case]]
+    rows = np.pad(np.array(balances), ((0, 0), (0, 0), (0, 1)))[..., lines.excitations.of_case[lines.drive.case]]
     damping, hardening = np.moveaxis(rows, 1, 0)
     carried = path.carried.damped(1j * lines.drive.omega * (weights @ damping))
     if not cubic:

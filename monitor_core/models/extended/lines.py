@@ -142,11 +142,11 @@ def _interpolation(knots: FloatArray, points: FloatArray) -> Any:  # noqa: ANN40
     order = min(_NEIGHBOURS, knots.size)
     first = np.clip(np.searchsorted(knots, points, side="right") - order // 2, 0, knots.size - order)
     near = first[:, None] + np.arange(order)
-    at, weight = knots[near] ** 2, np.ones(near.shape)
+    square, weight = knots[near] ** 2, np.ones(near.shape)
     for knot in range(order):
         for other in range(order):
             if knot != other:
-                weight[:, knot] *= (points**2 - at[:, other]) / (at[:, knot] - at[:, other])
+                weight[:, knot] *= (points**2 - square[:, other]) / (square[:, knot] - square[:, other])
     shape = (points.size, knots.size)
     return scipy.sparse.csr_array((weight.ravel(), near.ravel(), np.arange(points.size + 1) * order), shape=shape)
 

@@ -83,15 +83,15 @@ class Memory:
         the same.
         """
         record, arguments = (first, others) if is_dataclass(first) else (None, (first, *others))
-        known = self._known.get(function, ())
-        for entry in known:
+        entries = self._known.get(function, ())
+        for entry in entries:
             if entry.holds(record, arguments):
-                if entry is not known[0]:
-                    self._keep(function, entry, tuple(other for other in known if other is not entry))
+                if entry is not entries[0]:
+                    self._keep(function, entry, tuple(other for other in entries if other is not entry))
                 return cast(Answer, entry.answer)
         reads: dict[str, object] = {}
         answer = function(*arguments) if record is None else function(_Watched(record, reads), *arguments)
-        self._keep(function, _Known.of(reads, arguments, answer), known)
+        self._keep(function, _Known.of(reads, arguments, answer), entries)
         return answer
 
     def _keep(self, function: Callable[..., Any], first: _Known[Any], others: tuple[_Known[Any], ...]) -> None:

@@ -168,13 +168,13 @@ class ExtendedModel:
         physics = with_damping(self.physics, 0.0)
         states = axis_states(physics, condition_arrays([conditions]))
         parts = entire_parts(physics, around.ravel(), states.at(line), end_masks([end]).at(line))
-        at = receptances_of(path_of(parts))
+        receptances = receptances_of(path_of(parts))
 
         def mean(receptance: NumberArray) -> FloatArray:
             weighted = receptance.reshape(around.shape) * -offset * (around + omega[:, None])
             return np.asarray(np.mean(weighted, axis=1).real)
 
-        return mean(at.table_per_force), mean(at.angle_per_torque), mean(at.table_per_torque)
+        return mean(receptances.table_per_force), mean(receptances.angle_per_torque), mean(receptances.table_per_torque)
 
     def _rigid_body(self, conditions: DriveConditions, end: MotorEnd) -> tuple[FloatArray, FloatArray]:
         """Return φ of table and motor end where the whole drive can turn, arrays of one element; else of none."""

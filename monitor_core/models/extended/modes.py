@@ -174,14 +174,14 @@ def _modes_by_setting(
 ) -> DriveModes:
     """Return the modes of an axis that is another one at each setting."""
     settings = condition_arrays(conditions)
-    found = [
+    parts = [
         drive_modes(axis_at(physics, settings.setting(number)), [stated], [end], highest_frequency)
         for number, (stated, end) in enumerate(zip(conditions, motor_ends, strict=True))
     ]
     return DriveModes(
-        np.concatenate([modes.condition + number for number, modes in enumerate(found)]),
-        np.concatenate([modes.undamped_omega for modes in found]),
-        np.concatenate([modes.pole for modes in found]),
+        np.concatenate([modes.condition + number for number, modes in enumerate(parts)]),
+        np.concatenate([modes.undamped_omega for modes in parts]),
+        np.concatenate([modes.pole for modes in parts]),
     )
 
 
@@ -224,8 +224,8 @@ def _undamped(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
         undamped, (low[passes], high[passes]), (at_low[passes], at_high[passes]), condition[passes]
     )
     # between two poles there is one, before the first and behind the last only if R passes zero there
-    found = (~first | (_sum_of(parts_low) < 0.0)) & (~last | (_sum_of(parts_high) > 0.0))
-    roots, condition = roots[found], condition[found]
+    is_zero = (~first | (_sum_of(parts_low) < 0.0)) & (~last | (_sum_of(parts_high) > 0.0))
+    roots, condition = roots[is_zero], condition[is_zero]
     order = np.lexsort((roots, condition))
     return roots[order], condition[order]
 

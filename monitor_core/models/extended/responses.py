@@ -28,8 +28,8 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
     path = path_of(entire_parts(on_drive, drive.omega, states.at(drive.case), drive.ends, drive.memory))
     path = linearise(path, physics, lines, states)
     values = np.empty(lines.omega.size, dtype=np.complex128)
-    for at, motion in motions(path, on_drive, lines):
-        values[at] = np.asarray(motion)[lines.drive_line[at]]
+    for seeing, motion in motions(path, on_drive, lines):
+        values[seeing] = np.asarray(motion)[lines.drive_line[seeing]]
     return observed(values, physics, lines)
 
 
@@ -46,14 +46,14 @@ def motions(
 ) -> Iterator[tuple[npt.NDArray[np.intp], NumberArray]]:
     """Yield displacements or angles per unit excitation on the lines of the drive, and the lines that see each."""
     drive, seen = receptances_of(path), np.zeros(lines.omega.size, dtype=np.bool_)
-    for at, receptance in (
+    for seeing, receptance in (
         (np.setdiff1d(lines.table_per_force, lines.at_nut, assume_unique=True), drive.table_per_force),
         (lines.angle_per_torque, drive.angle_per_torque),
         *_at_nut(path, physics, lines),
     ):
-        seen[at] = True
-        if at.size:
-            yield at, receptance
+        seen[seeing] = True
+        if seeing.size:
+            yield seeing, receptance
     if not np.all(seen):
         yield np.flatnonzero(~seen), drive.table_per_torque
 
@@ -70,26 +70,26 @@ def _at_nut(
     path: Path, physics: AxisPhysics, lines: PreparedLines
 ) -> Iterator[tuple[npt.NDArray[np.intp], NumberArray]]:
     """Yield the displacement of the nut where the accelerometer sits there, the nut's own mass before the bracket."""
-    at = lines.at_nut
-    if at.size:
+    nut_lines = lines.at_nut
+    if nut_lines.size:
         more = np.maximum(physics.bodies.nut_mass - physics.added.nut_mass, 0.0)  # what is not there already
         carried = path.carried.with_nut_of(more, lines.drive.omega)
         reached = carried.reached_through(1.0 / path.nut + path.before_bracket)
-        yield at[lines.by_torque[at]], path.unloaded_travel * reached.nut_per_travel
-        yield at[~lines.by_torque[at]], reached.nut_per_force
+        yield nut_lines[lines.by_torque[nut_lines]], path.unloaded_travel * reached.nut_per_travel
+        yield nut_lines[~lines.by_torque[nut_lines]], reached.nut_per_force
 
 
 def with_second_mode(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
     """Return displacements and angles with a modal term at table and nut; a torque drives it as the force torque/i."""
-    values, at = values.copy(), lines.beyond_screw
-    physics = physics.at(lines.case[at])
+    values, beyond = values.copy(), lines.beyond_screw
+    physics = physics.at(lines.case[beyond])
     added = physics.added
     if acts(added.second_mode_residue):
-        omega, natural = lines.omega[at], 2.0 * np.pi * added.second_mode_frequency
+        omega, natural = lines.omega[beyond], 2.0 * np.pi * added.second_mode_frequency
         term = added.second_mode_residue / (
             natural**2 - omega**2 + 2j * added.second_mode_damping_ratio * natural * omega
         )
-        values[at] += np.where(lines.by_torque[at], 1.0 / physics.screw.transmission_ratio, 1.0) * term
+        values[beyond] += np.where(lines.by_torque[beyond], 1.0 / physics.screw.transmission_ratio, 1.0) * term
     return values
 
 

@@ -33,13 +33,13 @@ class _Square:
     def of(cls, excitations: Excitations, function: Bilinear) -> "_Square":
         """Return the square of a function that is known at the knots."""
         terms = dict(zip(function, _at_points(excitations, tuple(function.values())), strict=True))
-        found: dict[tuple[int, int], FloatArray] = {}
+        products: dict[tuple[int, int], FloatArray] = {}
         for (first, value), (second, other) in itertools.combinations_with_replacement(terms.items(), 2):
             powers = first[0] + second[0], first[1] + second[1]
             product = (1.0 if first == second else 2.0) * (value[0] * other[0] + value[1] * other[1])
-            found[powers] = found[powers] + product if powers in found else product
-        factors = np.array(list(found.values())).reshape(len(found), excitations.size, -1)
-        return cls(tuple(found), factors.transpose(1, 0, 2))
+            products[powers] = products[powers] + product if powers in products else product
+        factors = np.array(list(products.values())).reshape(len(products), excitations.size, -1)
+        return cls(tuple(products), factors.transpose(1, 0, 2))
 
     def at(self, damping: FloatArray, hardening: FloatArray, by: Sequence[int]) -> FloatArray:
         """Return the square and how it goes with ln c (0) or ln h (1), (n_excitations, 1 + n_by, n_points of one)."""
@@ -70,11 +70,11 @@ class Motion:
         """Return characteristic and numerators, (1 + n_numerators, n_knots), at c and h of each excitation."""
         c, h = damping[self.excitations.of_knot], hardening[self.excitations.of_knot]
         both = {(0, 0): np.ones_like(c), (1, 0): c, (0, 1): h, (1, 1): c * h}
-        found = np.zeros((1 + len(self.numerators), c.size), dtype=np.complex128)
+        values = np.zeros((1 + len(self.numerators), c.size), dtype=np.complex128)
         for row, function in enumerate((self.characteristic, *self.numerators)):
             for powers, term in function.items():
-                found[row] += both[powers] * term
-        return found
+                values[row] += both[powers] * term
+        return values
 
     def rms(self, damping: FloatArray, hardening: FloatArray) -> FloatArray:
         """Return σ_v [m/s] and σ_δ [m], a row for each numerator, shape (n_numerators, n_excitations)."""
@@ -168,8 +168,8 @@ def _at_points(excitations: Excitations, at_knots: Sequence[NumberArray]) -> Flo
 
 def _complex_at_points(excitations: Excitations, at_knots: ComplexArray) -> ComplexArray:
     """Return functions between the knots, (n_functions, n_points)."""
-    found = _at_points(excitations, tuple(at_knots))
-    return np.asarray(found[:, 0] + 1j * found[:, 1])
+    values = _at_points(excitations, tuple(at_knots))
+    return np.asarray(values[:, 0] + 1j * values[:, 1])
 
 
 def _to_knots(excitations: Excitations, at_points: ComplexArray) -> ComplexArray:

@@ -112,10 +112,10 @@ def _repeated(record: Record, index: _Index) -> Record:
 
 def with_values(record: Record, values: Mapping[str, object]) -> Record:
     """Return a record with others in the place of some numbers, as arrays, which its checks are not made for."""
-    found = object.__new__(type(record))
+    changed = object.__new__(type(record))
     for item in fields(record):  # type: ignore[arg-type]
-        object.__setattr__(found, item.name, values[item.name] if item.name in values else getattr(record, item.name))
-    return found
+        object.__setattr__(changed, item.name, values[item.name] if item.name in values else getattr(record, item.name))
+    return changed
 
 
 def _assembled(records: Mapping[str, object]) -> AxesSideBySide:
@@ -155,15 +155,15 @@ def axes_by_setting(physics: AxisPhysics, lines: PreparedLines) -> Iterator[tupl
 
     The same lines under other conditions share what is prepared.
     """
-    split, known = _Split(lines), dict[AxisSetting, AxisPhysics]()
+    split, axis_of = _Split(lines), dict[AxisSetting, AxisPhysics]()
     of_case = [lines.conditions.setting(number) for number in range(lines.conditions.position.size)]
     for setting in of_case:
-        if setting not in known:
-            known[setting] = axis_at(physics, setting)
+        if setting not in axis_of:
+            axis_of[setting] = axis_at(physics, setting)
     on_drive = np.array(_drive_cases(split))
-    for group in alike_in_terms([known[of_case[number]] for number in on_drive]):
+    for group in alike_in_terms([axis_of[of_case[number]] for number in on_drive]):
         part = _part(split, tuple(on_drive[group].tolist()))
-        yield side_by_side([known[of_case[number]] for number in part.cases.tolist()]), part
+        yield side_by_side([axis_of[of_case[number]] for number in part.cases.tolist()]), part
 
 
 class _Split:

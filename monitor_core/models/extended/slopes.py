@@ -77,17 +77,17 @@ def log_response_slopes(
         moving |= np.any(rate, axis=0) & is_answered
     drive = _Drive.of(of_cases.side_by_side(axes), lines, moving)
     per_displacement = 1.0 / with_second_mode(drive.values, physics, lines)
-    found: list[ComplexArray | None] = []
+    slopes: list[ComplexArray | None] = []
     for move, rate, is_answered in zip(moves, rates, answered, strict=True):
         if not is_answered:
-            found.append(None)
+            slopes.append(None)
             continue
         slope = drive.slope(of_cases.at_lines(rate, lines)) * per_displacement
         if np.any(rate[:, _OF_CHANNELS]):
             ahead, behind = (observed(drive.values, axis, lines) for axis in (move.ahead, move.behind))
             slope += logarithm(ahead / behind) / move.distance
-        found.append(slope)
-    return found
+        slopes.append(slope)
+    return slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,12 +121,12 @@ class _OfCases:
 
     def at_lines(self, rate: FloatArray, lines: PreparedLines) -> dict[int, FloatArray | float]:
         """Return the rates that are not null by number, a number for each line or one for all."""
-        found: dict[int, FloatArray | float] = {}
+        rates: dict[int, FloatArray | float] = {}
         for number in np.flatnonzero(np.any(rate, axis=0)).tolist():
             along = rate[:, number]
             alike = bool(np.all(along == along[0]))
-            found[number] = float(along[0]) if alike else along[self.of_case[lines.case]]
-        return found
+            rates[number] = float(along[0]) if alike else along[self.of_case[lines.case]]
+        return rates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,19 +151,19 @@ class _Drive:
         path = path_of(entire_parts(axis, drive.omega, states, drive.ends))
         values = np.empty(lines.omega.size, dtype=np.complex128)
         by_number = {number: np.zeros(lines.omega.size, dtype=np.complex128) for number in traced}
-        for at, motion in motions(path, axis, lines):
-            from_drive = lines.drive_line[at]
-            values[at] = value_of(motion)[from_drive]
+        for seeing, motion in motions(path, axis, lines):
+            from_drive = lines.drive_line[seeing]
+            values[seeing] = value_of(motion)[from_drive]
             if isinstance(motion, Traced):
                 slopes = derivatives(motion, list(traced.values()))
                 for number, slope in zip(traced, slopes, strict=True):
-                    by_number[number][at] = slope[from_drive] if np.ndim(slope) else slope
+                    by_number[number][seeing] = slope[from_drive] if np.ndim(slope) else slope
         return cls(values, by_number)
 
     def slope(self, rates: dict[int, FloatArray | float]) -> ComplexArray:
         """Return the derivative of values along a move."""
-        found = np.zeros_like(self.values)
+        total = np.zeros_like(self.values)
         for number, rate in rates.items():
             if number in self.by_number:
-                found += self.by_number[number] * rate
-        return found
+                total += self.by_number[number] * rate
+        return total

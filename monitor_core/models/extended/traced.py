@@ -133,13 +133,13 @@ def derivatives(result: Traced, by: Sequence[Traced]) -> list[NumberArray | floa
 
 def _backwards(result: Traced) -> list[Traced]:
     """Return everything that a result was made of, each before what it was made of itself."""
-    found, waiting = {result.number: result}, [result]
+    traced, waiting = {result.number: result}, [result]
     while waiting:
         for source, _ in waiting.pop().sources:
-            if source.number not in found:
-                found[source.number] = source
+            if source.number not in traced:
+                traced[source.number] = source
                 waiting.append(source)
-    return [found[number] for number in sorted(found, reverse=True)]
+    return [traced[number] for number in sorted(traced, reverse=True)]
 
 
 def cosine_of_square(square: Traced) -> Traced:

@@ -121,8 +121,8 @@ def transfer_matrix(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray:
     s = np.asarray(s, dtype=np.complex128)
     if np.any(system.stiffness.imag) and not np.all(s.imag > 0.0):
         raise OutsideValidityError("with a loss factor s must have a positive imaginary part")
-    at = s[:, None, None]
-    return np.asarray(np.linalg.inv(system.mass * at**2 + system.damping * at + system.stiffness))
+    s_matrix = s[:, None, None]
+    return np.asarray(np.linalg.inv(system.mass * s_matrix**2 + system.damping * s_matrix + system.stiffness))
 
 
 def undamped_modes(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray]:
@@ -144,8 +144,8 @@ def poles(system: SecondOrderSystem) -> ComplexArray:
     conjugate pairs, and those with ω < 0 grow; the root with a positive imaginary part is the one that the complex
     stiffness is made for. An elastic mode that is damped beyond critical raises ``OutsideValidityError``.
     """
-    _, _, found = modes_and_poles(system)
-    return found[np.argsort(np.abs(found), kind="stable")]
+    _, _, values = modes_and_poles(system)
+    return values[np.argsort(np.abs(values), kind="stable")]
 
 
 def modes_and_poles(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray, ComplexArray]:

@@ -31,8 +31,8 @@ def strokes_of(position: FloatArray) -> tuple[Indices, tuple[int, ...]]:
     """
     shortest = _HESITATION * float(np.ptp(position))
     first, directions, furthest = [0], [0], 0
-    for now, at in enumerate(position.tolist()):
-        way = at - float(position[furthest])
+    for now, x in enumerate(position.tolist()):
+        way = x - float(position[furthest])
         if way * directions[-1] > 0.0:
             furthest = now
         elif abs(way) > shortest:

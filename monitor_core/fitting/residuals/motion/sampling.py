@@ -128,8 +128,8 @@ def force_noise(record: MotionRecord, force: FloatArray, sampling: MotionSamplin
     that ignores friction which changes from stroke to stroke. It is never less than 1e-4 of the force's root mean
     square.
     """
-    found = _repeatability(record, force, sampling)
-    noise = _white_noise(force, sampling) if found is None else found
+    repeatability = _repeatability(record, force, sampling)
+    noise = _white_noise(force, sampling) if repeatability is None else repeatability
     return max(noise, _FINEST * float(np.sqrt(np.mean(sampling.values(force) ** 2))))
 
 

@@ -76,12 +76,12 @@ def _shapes(
     undamped: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd, omega: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return φ at the motor end and φ at the table."""
-    at = _responses(undamped, conditions, motor_end, omega.astype(np.complex128))
+    receptances = _responses(undamped, conditions, motor_end, omega.astype(np.complex128))
     step = 1e-20 * omega  # the function is real on the axis: just off it, the imaginary part gives the exact slope
     near = _responses(undamped, conditions, motor_end, omega + 1j * step)
     factor = -2.0 * omega / (near.denominator.imag / step)
-    table_table, table_motor = factor * at.table_per_force.real, factor * at.table_per_torque.real
-    motor_motor = factor * at.angle_per_torque.real
+    table_table, table_motor = factor * receptances.table_per_force.real, factor * receptances.table_per_torque.real
+    motor_motor = factor * receptances.angle_per_torque.real
     # of the two points, the one that moves more gives the mode its scale
     by_motor = motor_motor * undamped.transmission_ratio**2 > table_table
     scale = np.sqrt(np.maximum(np.where(by_motor, motor_motor, table_table), 0.0))

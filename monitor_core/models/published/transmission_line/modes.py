@@ -138,8 +138,8 @@ def _where_it_was_lost(s: ComplexArray, damping: float) -> str:
 def _secant(drive: DiscreteDrive, s: ComplexArray, damping: float) -> ComplexArray:
     """Return the zeros of the characteristic function next to s, nan where none is found."""
 
-    def characteristic(at: ComplexArray) -> ComplexArray:
-        parts = drive.mobilities(at, damping)
+    def characteristic(s: ComplexArray) -> ComplexArray:
+        parts = drive.mobilities(s, damping)
         return np.asarray(parts.line_poles * loop_mobility(parts, drive.parameters.transmission_ratio))
 
     before, s = s, np.asarray(s * (1.0 + 1e-6j), dtype=np.complex128)
