@@ -37,8 +37,7 @@ from benchmarks.kills import N_AXES, N_SIMULATED, N_WINDOWS, Sender, Supply, jud
 from service.api.http.body import MSGPACK_TYPE
 from service.cli.remote.client import window_document
 from service.errors import StorageError
-from service.store import database as database_module
-from service.store import intake
+from service.store import database as database_module, intake
 from service.store.database import Database
 from service.store.waveforms import WaveformPlace, WaveformStore
 from tests.service.conftest import (

@@ -13,41 +13,50 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from monitor_core.change import attribute_change as attribute_change
-    from monitor_core.discrepancy import ExplainOptions as ExplainOptions
-    from monitor_core.discrepancy import Explanation as Explanation
-    from monitor_core.discrepancy import Outcome as Outcome
-    from monitor_core.discrepancy import explain as explain
-    from monitor_core.effects import Effect as Effect
-    from monitor_core.effects import EffectParameter as EffectParameter
+    from monitor_core.discrepancy import (
+        ExplainOptions as ExplainOptions,
+        Explanation as Explanation,
+        Outcome as Outcome,
+        explain as explain,
+    )
+    from monitor_core.effects import Effect as Effect, EffectParameter as EffectParameter
     from monitor_core.errors import MonitorCoreError as MonitorCoreError
     from monitor_core.fitting.axis import AxisDescription as AxisDescription
-    from monitor_core.fitting.observations import FrequencyResponseObservation as FrequencyResponseObservation
-    from monitor_core.fitting.observations import ModalObservation as ModalObservation
-    from monitor_core.identification import IdentifiedJoints as IdentifiedJoints
-    from monitor_core.identification import IdentifyOptions as IdentifyOptions
-    from monitor_core.identification import identify as identify
+    from monitor_core.fitting.observations import (
+        FrequencyResponseObservation as FrequencyResponseObservation,
+        ModalObservation as ModalObservation,
+    )
+    from monitor_core.identification import (
+        IdentifiedJoints as IdentifiedJoints,
+        IdentifyOptions as IdentifyOptions,
+        identify as identify,
+    )
     from monitor_core.measured_responses import responses_of_session as responses_of_session
     from monitor_core.modal import measure_mode as measure_mode
     from monitor_core.models.families import build_model as build_model
     from monitor_core.models.generator import simulate_session as simulate_session
-    from monitor_core.models.protocol import DriveConditions as DriveConditions
-    from monitor_core.models.protocol import ExcitationPoint as ExcitationPoint
-    from monitor_core.models.protocol import MotorEnd as MotorEnd
-    from monitor_core.models.protocol import ResponsePoint as ResponsePoint
+    from monitor_core.models.protocol import (
+        DriveConditions as DriveConditions,
+        ExcitationPoint as ExcitationPoint,
+        MotorEnd as MotorEnd,
+        ResponsePoint as ResponsePoint,
+    )
     from monitor_core.pipeline import AxisSettings as AxisSettings
-    from monitor_core.preload import Calibration as Calibration
-    from monitor_core.preload import ModalReading as ModalReading
-    from monitor_core.preload import PreloadEstimate as PreloadEstimate
-    from monitor_core.preload import calibrate as calibrate
-    from monitor_core.preload import estimate_preload as estimate_preload
-    from monitor_core.recording import Conditions as Conditions
-    from monitor_core.recording import Rejection as Rejection
-    from monitor_core.recording import Session as Session
-    from monitor_core.recording import Window as Window
-    from monitor_core.session import calibrate_session as calibrate_session
-    from monitor_core.session import judge_session as judge_session
-    from monitor_core.uncertainty import Estimate as Estimate
-    from monitor_core.uncertainty import Interval as Interval
+    from monitor_core.preload import (
+        Calibration as Calibration,
+        ModalReading as ModalReading,
+        PreloadEstimate as PreloadEstimate,
+        calibrate as calibrate,
+        estimate_preload as estimate_preload,
+    )
+    from monitor_core.recording import (
+        Conditions as Conditions,
+        Rejection as Rejection,
+        Session as Session,
+        Window as Window,
+    )
+    from monitor_core.session import calibrate_session as calibrate_session, judge_session as judge_session
+    from monitor_core.uncertainty import Estimate as Estimate, Interval as Interval
 
 #: Where each name of the face lives: imported when it is first used, so that a command pays for what it needs alone.
 _HOMES = {

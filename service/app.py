@@ -59,8 +59,7 @@ from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.receivers import Receivers, read_receivers
 from service.operations.purge import Purge, Purges
-from service.operations.recordings.recordings import CHECK, Recordings
-from service.operations.recordings.recordings import KIND as IMPORT
+from service.operations.recordings.recordings import CHECK, KIND as IMPORT, Recordings
 from service.operations.recordings.stored_windows import StoredWindows
 from service.operations.retention import Surveys, rule_of
 from service.operations.trial.trial import Trials

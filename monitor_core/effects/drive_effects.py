@@ -10,6 +10,7 @@ from dataclasses import replace
 from monitor_core.effects.effect import (
     ConditionAxis,
     Effect,
+    EffectParameter as P,
     changed,
     filling,
     growing,
@@ -19,7 +20,6 @@ from monitor_core.effects.effect import (
     resonating,
     scaling,
 )
-from monitor_core.effects.effect import EffectParameter as P
 from monitor_core.effects.sizes import Reference
 from monitor_core.effects.units import RESPONSE_UNIT, TORQUE_UNIT
 from monitor_core.errors import OutsideValidityError

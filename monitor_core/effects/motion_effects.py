@@ -6,8 +6,7 @@ An effect is written here and gets a line in :data:`MOTION_EFFECTS` at the end (
 from collections.abc import Mapping
 from dataclasses import replace
 
-from monitor_core.effects.effect import ConditionAxis, Effect, increasing, lacking, setting
-from monitor_core.effects.effect import EffectParameter as P
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter as P, increasing, lacking, setting
 from monitor_core.effects.sizes import Reference
 from monitor_core.effects.units import MOTION_UNIT
 from monitor_core.models.motion import MotionPhysics

@@ -16,8 +16,7 @@ says where something swings, how much of it, and at which frequency.
 
 from enum import StrEnum
 
-from monitor_core.effects.effect import ConditionAxis, Effect, lacking, resonating, setting
-from monitor_core.effects.effect import EffectParameter as P
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter as P, lacking, resonating, setting
 from monitor_core.effects.sizes import Reference
 from monitor_core.models.extended import AxisPhysics
 

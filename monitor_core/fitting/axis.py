@@ -22,8 +22,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.extended import AxisPhysics, ExtendedModel, physics_of
 from monitor_core.models.families import FAMILIES, build_model
-from monitor_core.models.motion import FAMILY as MOTION
-from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
+from monitor_core.models.motion import FAMILY as MOTION, MotionModel, MotionParameters, MotionPhysics
 from monitor_core.models.parameters import DriveParameters, name_in_file, unit_of
 from monitor_core.models.protocol import DriveModel
 

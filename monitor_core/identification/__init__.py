@@ -4,35 +4,24 @@
 each joint is known, ``sensitivity`` and ``advice`` which mode to watch and where to measure next.
 """
 
-from monitor_core.fitting.residuals.peaks import Weighting
-from monitor_core.fitting.solver.global_search import MapFunction
+from monitor_core.fitting.residuals.peaks import Weighting as Weighting
+from monitor_core.fitting.solver.global_search import MapFunction as MapFunction
 from monitor_core.identification.answer import (
-    FitQuality,
-    FurtherPosition,
-    HeldOutErrors,
-    IdentifiedJoint,
-    IdentifiedJoints,
-    KnownSum,
+    FitQuality as FitQuality,
+    FurtherPosition as FurtherPosition,
+    HeldOutErrors as HeldOutErrors,
+    IdentifiedJoint as IdentifiedJoint,
+    IdentifiedJoints as IdentifiedJoints,
+    KnownSum as KnownSum,
 )
-from monitor_core.identification.cases import PredictionError
-from monitor_core.identification.identify_joints import IdentifyOptions, identify, require_identifiable
-from monitor_core.identification.predicted_calibration import PredictionRequest, readings_expected_of
-from monitor_core.identification.sensitivity import Detectability
-
-__all__ = [
-    "Detectability",
-    "FitQuality",
-    "FurtherPosition",
-    "HeldOutErrors",
-    "IdentifiedJoint",
-    "IdentifiedJoints",
-    "IdentifyOptions",
-    "KnownSum",
-    "MapFunction",
-    "PredictionError",
-    "PredictionRequest",
-    "Weighting",
-    "identify",
-    "readings_expected_of",
-    "require_identifiable",
-]
+from monitor_core.identification.cases import PredictionError as PredictionError
+from monitor_core.identification.identify_joints import (
+    IdentifyOptions as IdentifyOptions,
+    identify as identify,
+    require_identifiable as require_identifiable,
+)
+from monitor_core.identification.predicted_calibration import (
+    PredictionRequest as PredictionRequest,
+    readings_expected_of as readings_expected_of,
+)
+from monitor_core.identification.sensitivity import Detectability as Detectability

@@ -30,21 +30,11 @@ from its name and its parameters (it is not imported here, because it loads all 
 """
 
 from monitor_core.models.protocol import (
-    DriveConditions,
-    DriveModel,
-    ExcitationPoint,
-    MotorEnd,
-    NaturalFrequency,
-    NormalModes,
-    ResponsePoint,
+    DriveConditions as DriveConditions,
+    DriveModel as DriveModel,
+    ExcitationPoint as ExcitationPoint,
+    MotorEnd as MotorEnd,
+    NaturalFrequency as NaturalFrequency,
+    NormalModes as NormalModes,
+    ResponsePoint as ResponsePoint,
 )
-
-__all__ = [
-    "DriveConditions",
-    "DriveModel",
-    "ExcitationPoint",
-    "MotorEnd",
-    "NaturalFrequency",
-    "NormalModes",
-    "ResponsePoint",
-]

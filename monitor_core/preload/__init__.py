@@ -1,80 +1,49 @@
 """Estimate the preload (ISO 13374: HA): its feature, the calibration, newtons with a coverage interval."""
 
-from monitor_core.preload.budget import VarianceShares, systematic_uncertainty_between, unexplained_scatter, widened
-from monitor_core.preload.calibration import (
-    Calibration,
-    ModalReading,
-    PositionError,
-    ValidRange,
-    Weighting,
-    expected_band,
-    expected_frequency,
-    minimum_detectable_loss,
+from monitor_core.preload.budget import (
+    VarianceShares as VarianceShares,
+    systematic_uncertainty_between as systematic_uncertainty_between,
+    unexplained_scatter as unexplained_scatter,
+    widened as widened,
 )
-from monitor_core.preload.doubts import DoubtReason, PlaceReading, Places
-from monitor_core.preload.drag_torque import DragTorque
+from monitor_core.preload.calibration import (
+    Calibration as Calibration,
+    ModalReading as ModalReading,
+    PositionError as PositionError,
+    ValidRange as ValidRange,
+    Weighting as Weighting,
+    expected_band as expected_band,
+    expected_frequency as expected_frequency,
+    minimum_detectable_loss as minimum_detectable_loss,
+)
+from monitor_core.preload.doubts import DoubtReason as DoubtReason, PlaceReading as PlaceReading, Places as Places
+from monitor_core.preload.drag_torque import DragTorque as DragTorque
 from monitor_core.preload.estimate import (
-    PreloadEstimate,
-    PreloadLadder,
-    estimate_preload,
-    place_reading,
-    preload_ladder,
+    PreloadEstimate as PreloadEstimate,
+    PreloadLadder as PreloadLadder,
+    estimate_preload as estimate_preload,
+    place_reading as place_reading,
+    preload_ladder as preload_ladder,
 )
 from monitor_core.preload.feature import (
-    InfluenceCoefficients,
-    PreloadFeatureCoefficients,
-    axial_frequency,
-    preload_feature,
-    preload_from_feature,
-    preload_sensitivity,
+    InfluenceCoefficients as InfluenceCoefficients,
+    PreloadFeatureCoefficients as PreloadFeatureCoefficients,
+    axial_frequency as axial_frequency,
+    preload_feature as preload_feature,
+    preload_from_feature as preload_from_feature,
+    preload_sensitivity as preload_sensitivity,
 )
-from monitor_core.preload.fit import calibrate
+from monitor_core.preload.fit import calibrate as calibrate
 from monitor_core.preload.plan import (
-    USUAL_SCATTER,
-    CalibrationPlan,
-    ExpectedReadings,
-    PlannedSetting,
-    plan_calibration,
-    smallest_loss,
+    USUAL_SCATTER as USUAL_SCATTER,
+    CalibrationPlan as CalibrationPlan,
+    ExpectedReadings as ExpectedReadings,
+    PlannedSetting as PlannedSetting,
+    plan_calibration as plan_calibration,
+    smallest_loss as smallest_loss,
 )
-from monitor_core.preload.prior import CoefficientPrior, calibration_from_prior, prior_from_calibration
-
-__all__ = [
-    "USUAL_SCATTER",
-    "Calibration",
-    "CalibrationPlan",
-    "CoefficientPrior",
-    "DoubtReason",
-    "DragTorque",
-    "ExpectedReadings",
-    "InfluenceCoefficients",
-    "ModalReading",
-    "PlaceReading",
-    "Places",
-    "PlannedSetting",
-    "PositionError",
-    "PreloadEstimate",
-    "PreloadFeatureCoefficients",
-    "PreloadLadder",
-    "ValidRange",
-    "VarianceShares",
-    "Weighting",
-    "axial_frequency",
-    "calibrate",
-    "calibration_from_prior",
-    "estimate_preload",
-    "expected_band",
-    "expected_frequency",
-    "minimum_detectable_loss",
-    "place_reading",
-    "plan_calibration",
-    "preload_feature",
-    "preload_from_feature",
-    "preload_ladder",
-    "preload_sensitivity",
-    "prior_from_calibration",
-    "smallest_loss",
-    "systematic_uncertainty_between",
-    "unexplained_scatter",
-    "widened",
-]
+from monitor_core.preload.prior import (
+    CoefficientPrior as CoefficientPrior,
+    calibration_from_prior as calibration_from_prior,
+    prior_from_calibration as prior_from_calibration,
+)

@@ -10,30 +10,39 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from monitor_core.recordings.calibration_file import read_calibration as read_calibration
-    from monitor_core.recordings.calibration_file import write_calibration as write_calibration
-    from monitor_core.recordings.check import FileReport as FileReport
-    from monitor_core.recordings.check import check_file as check_file
-    from monitor_core.recordings.frf_set import read_frf_set as read_frf_set
-    from monitor_core.recordings.frf_set import write_frf_set as write_frf_set
-    from monitor_core.recordings.modal_csv import ModalRow as ModalRow
-    from monitor_core.recordings.modal_csv import read_modal_table as read_modal_table
-    from monitor_core.recordings.modal_csv import write_modal_table as write_modal_table
-    from monitor_core.recordings.model_file import read_model_file as read_model_file
-    from monitor_core.recordings.model_file import write_model_file as write_model_file
-    from monitor_core.recordings.motion_csv import read_motion_record as read_motion_record
-    from monitor_core.recordings.motion_csv import write_motion_record as write_motion_record
-    from monitor_core.recordings.raw.channels import Channel as Channel
-    from monitor_core.recordings.raw.channels import Channels as Channels
+    from monitor_core.recordings.calibration_file import (
+        read_calibration as read_calibration,
+        write_calibration as write_calibration,
+    )
+    from monitor_core.recordings.check import FileReport as FileReport, check_file as check_file
+    from monitor_core.recordings.frf_set import read_frf_set as read_frf_set, write_frf_set as write_frf_set
+    from monitor_core.recordings.modal_csv import (
+        ModalRow as ModalRow,
+        read_modal_table as read_modal_table,
+        write_modal_table as write_modal_table,
+    )
+    from monitor_core.recordings.model_file import (
+        read_model_file as read_model_file,
+        write_model_file as write_model_file,
+    )
+    from monitor_core.recordings.motion_csv import (
+        read_motion_record as read_motion_record,
+        write_motion_record as write_motion_record,
+    )
+    from monitor_core.recordings.raw.channels import Channel as Channel, Channels as Channels
     from monitor_core.recordings.raw.formats import read_channels as read_channels
     from monitor_core.recordings.raw.mapping.channel_map import read_channel_map as read_channel_map
-    from monitor_core.recordings.raw.mapping.imported import ImportedSession as ImportedSession
-    from monitor_core.recordings.raw.mapping.imported import import_session as import_session
+    from monitor_core.recordings.raw.mapping.imported import (
+        ImportedSession as ImportedSession,
+        import_session as import_session,
+    )
     from monitor_core.recordings.raw.mapping.map_records import ChannelMap as ChannelMap
-    from monitor_core.recordings.session_hdf5 import SessionReader as SessionReader
-    from monitor_core.recordings.session_hdf5 import open_session as open_session
-    from monitor_core.recordings.session_hdf5 import read_session as read_session
-    from monitor_core.recordings.session_hdf5 import write_session as write_session
+    from monitor_core.recordings.session_hdf5 import (
+        SessionReader as SessionReader,
+        open_session as open_session,
+        read_session as read_session,
+        write_session as write_session,
+    )
 
 __all__ = [
     "Channel",

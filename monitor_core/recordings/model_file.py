@@ -23,8 +23,7 @@ from pathlib import Path
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.fitting.axis import AxisDescription
 from monitor_core.models.families import FAMILIES
-from monitor_core.models.motion import FAMILY as MOTION
-from monitor_core.models.motion import MotionParameters
+from monitor_core.models.motion import FAMILY as MOTION, MotionParameters
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import naming, parse_toml, read_text

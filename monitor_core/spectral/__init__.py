@@ -1,37 +1,24 @@
 """Compute spectra, frequency responses and coherence of windows (ISO 13374: DM, data manipulation)."""
 
 from monitor_core.spectral.coherence import (
-    band_average,
-    coherence_bias,
-    effective_averages,
-    random_error,
-    significance_level,
+    band_average as band_average,
+    coherence_bias as coherence_bias,
+    effective_averages as effective_averages,
+    random_error as random_error,
+    significance_level as significance_level,
 )
 from monitor_core.spectral.frf import (
-    CrossSpectra,
-    cross_spectra,
-    estimate_frf,
-    least_leaking_taper,
-    mean_coherence,
-    median_misfit,
+    CrossSpectra as CrossSpectra,
+    cross_spectra as cross_spectra,
+    estimate_frf as estimate_frf,
+    least_leaking_taper as least_leaking_taper,
+    mean_coherence as mean_coherence,
+    median_misfit as median_misfit,
 )
-from monitor_core.spectral.spectra import TAPERS, BandSpectra, Taper, band_spectra, line_spread
-
-__all__ = [
-    "TAPERS",
-    "BandSpectra",
-    "CrossSpectra",
-    "Taper",
-    "band_average",
-    "band_spectra",
-    "coherence_bias",
-    "cross_spectra",
-    "effective_averages",
-    "estimate_frf",
-    "least_leaking_taper",
-    "line_spread",
-    "mean_coherence",
-    "median_misfit",
-    "random_error",
-    "significance_level",
-]
+from monitor_core.spectral.spectra import (
+    TAPERS as TAPERS,
+    BandSpectra as BandSpectra,
+    Taper as Taper,
+    band_spectra as band_spectra,
+    line_spread as line_spread,
+)

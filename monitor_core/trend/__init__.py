@@ -1,62 +1,47 @@
 """Judge the trend and state of an axis: baseline, intervals, charts, detector (ISO 13374: SD)."""
 
-from monitor_core.trend.baseline import Baseline, learn_baseline
-from monitor_core.trend.belief import Belief, Prior
-from monitor_core.trend.bootstrap import FEWEST_SESSIONS, FoundRate, found_rate, healthy_sessions
+from monitor_core.trend.baseline import Baseline as Baseline, learn_baseline as learn_baseline
+from monitor_core.trend.belief import Belief as Belief, Prior as Prior
+from monitor_core.trend.bootstrap import (
+    FEWEST_SESSIONS as FEWEST_SESSIONS,
+    FoundRate as FoundRate,
+    found_rate as found_rate,
+    healthy_sessions as healthy_sessions,
+)
 from monitor_core.trend.charts import (
-    DetectionDelay,
-    DetectorDesign,
-    DetectorSettings,
-    LossDirection,
-    design_detector,
-    detection_delay,
+    DetectionDelay as DetectionDelay,
+    DetectorDesign as DetectorDesign,
+    DetectorSettings as DetectorSettings,
+    LossDirection as LossDirection,
+    design_detector as design_detector,
+    detection_delay as detection_delay,
 )
-from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
+from monitor_core.trend.detector import (
+    ClosedSession as ClosedSession,
+    closed_session as closed_session,
+    reset as reset,
+    step as step,
+)
 from monitor_core.trend.intervals import (
-    PaperRule,
-    confidence_interval_of_mean,
-    paper_rule,
+    PaperRule as PaperRule,
+    confidence_interval_of_mean as confidence_interval_of_mean,
+    paper_rule as paper_rule,
 )
-from monitor_core.trend.line import FEWEST_READINGS, Projection, TrendLine, project, trend_line
-from monitor_core.trend.observation import Observation, Session
-from monitor_core.trend.sisters import prior_from
-from monitor_core.trend.state import Chart, Charts, DetectorState, Evidence, Run, TrendStatus, state_at
-
-__all__ = [
-    "FEWEST_READINGS",
-    "FEWEST_SESSIONS",
-    "Baseline",
-    "Belief",
-    "Chart",
-    "Charts",
-    "ClosedSession",
-    "DetectionDelay",
-    "DetectorDesign",
-    "DetectorSettings",
-    "DetectorState",
-    "Evidence",
-    "FoundRate",
-    "LossDirection",
-    "Observation",
-    "PaperRule",
-    "Prior",
-    "Projection",
-    "Run",
-    "Session",
-    "TrendLine",
-    "TrendStatus",
-    "closed_session",
-    "confidence_interval_of_mean",
-    "design_detector",
-    "detection_delay",
-    "found_rate",
-    "healthy_sessions",
-    "learn_baseline",
-    "paper_rule",
-    "prior_from",
-    "project",
-    "reset",
-    "state_at",
-    "step",
-    "trend_line",
-]
+from monitor_core.trend.line import (
+    FEWEST_READINGS as FEWEST_READINGS,
+    Projection as Projection,
+    TrendLine as TrendLine,
+    project as project,
+    trend_line as trend_line,
+)
+from monitor_core.trend.observation import Observation as Observation, Session as Session
+from monitor_core.trend.sisters import prior_from as prior_from
+from monitor_core.trend.state import (
+    Chart as Chart,
+    Charts as Charts,
+    DetectorState as DetectorState,
+    Evidence as Evidence,
+    Run as Run,
+    TrendStatus as TrendStatus,
+    state_at as state_at,
+)

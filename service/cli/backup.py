@@ -12,8 +12,7 @@ from service.cli.options import data_dir_option, json_option
 from service.cli.output import print_json, print_line, progress_bar
 from service.errors import DataFolderError
 from service.settings import Settings
-from service.store.safekeeping.backup import Manifest, back_up
-from service.store.safekeeping.backup import restore as restore_folder
+from service.store.safekeeping.backup import Manifest, back_up, restore as restore_folder
 
 
 @click.command()

@@ -8,10 +8,10 @@ from monitor_core.preload import (
     Calibration,
     CoefficientPrior,
     Weighting,
+    calibrate as fit_calibration,
     minimum_detectable_loss,
     prior_from_calibration,
 )
-from monitor_core.preload import calibrate as fit_calibration
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import (
     COEFFICIENT_KEYS,

@@ -9,8 +9,7 @@ from typing import Any
 
 import click
 
-from monitor_core.discrepancy import ExplainOptions, Explanation, Measured
-from monitor_core.discrepancy import explain as explain_axis
+from monitor_core.discrepancy import ExplainOptions, Explanation, Measured, explain as explain_axis
 from monitor_core.effects import Effect
 from monitor_core.errors import RecordingFormatError
 from monitor_core.fitting.axis import AxisDescription

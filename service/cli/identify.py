@@ -14,8 +14,8 @@ from monitor_core.identification import (
     IdentifyOptions,
     MapFunction,
     PredictionRequest,
+    identify as identify_joints,
 )
-from monitor_core.identification import identify as identify_joints
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import write_calibration
 from monitor_core.recordings.effect_file import read_effect_file

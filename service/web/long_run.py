@@ -32,8 +32,7 @@ from service.report.trend_chart import (
     sisters_chart,
     trend_chart,
 )
-from service.report.waterfall import Response as DrawnResponse
-from service.report.waterfall import waterfall
+from service.report.waterfall import Response as DrawnResponse, waterfall
 from service.store.trend.points import Span, TrendPoint
 from service.web.site import PageOf
 from service.web.trend_view import Charts, or_nan, twice

@@ -12,9 +12,7 @@ from tests.browser.conftest import SIZES, THEMES, Site, Visit
 from tests.browser.states import CONFIGURATION
 from tests.browser.test_alarm_page import path as alarm_path
 from tests.browser.test_axis_actions import DAY
-from tests.browser.test_calibrate_page import AXIS as TO_CALIBRATE
-from tests.browser.test_calibrate_page import SETTINGS
-from tests.browser.test_calibrate_page import measure as measure_settings
+from tests.browser.test_calibrate_page import AXIS as TO_CALIBRATE, SETTINGS, measure as measure_settings
 from tests.browser.test_import_page import N_SECONDS, RATE, csv_file
 from tests.browser.test_settings_page import fill_in
 from tests.service.test_jobs import wait_for

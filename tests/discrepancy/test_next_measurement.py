@@ -6,8 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from monitor_core.discrepancy import Described, FoundParameter, Outcome
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member

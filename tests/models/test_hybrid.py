@@ -7,8 +7,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 import scipy.linalg
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.optimize import brentq
 
 from monitor_core.errors import OutsideValidityError

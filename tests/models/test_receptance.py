@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint

@@ -1,8 +1,7 @@
 """Payload and temperature: the law f ∝ 1/√(M + m), its inverse and its derivatives."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.preload import InfluenceCoefficients

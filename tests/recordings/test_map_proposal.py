@@ -11,8 +11,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, ExcitationSource

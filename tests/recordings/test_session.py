@@ -7,8 +7,7 @@ from datetime import UTC, datetime, timedelta, timezone
 import h5py
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window

@@ -4,8 +4,7 @@ from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.mapping.times import times_of, zone_of

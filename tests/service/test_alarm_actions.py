@@ -6,8 +6,7 @@ from datetime import timedelta
 import pytest
 
 from service.clock import now, text_of
-from service.operations.monitoring import alarm_changes, alarms
-from service.operations.monitoring import changes as marks
+from service.operations.monitoring import alarm_changes, alarms, changes as marks
 from service.operations.monitoring.alarms import bring_back_ended
 from service.store.database import Database
 from service.store.tables import AlarmRow, NoticeRow

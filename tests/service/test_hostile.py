@@ -15,8 +15,7 @@ import msgpack
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from monitor_core.recordings.model_file import RecordingFormatError, parse_model
 from service.api.http import limits as connection_module

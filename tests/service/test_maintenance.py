@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from service.operations.monitoring.intake import charts
-from service.operations.monitoring.maintenance import MaintenanceIn
-from service.operations.monitoring.maintenance import enter as enter_work
+from service.operations.monitoring.maintenance import MaintenanceIn, enter as enter_work
 from service.store.database import Database
 from tests.service.conftest import START, Api, assert_problem, running_service, simulated_measurement
 

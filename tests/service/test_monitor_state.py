@@ -4,8 +4,7 @@ import json
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from monitor_core.pipeline import AxisState
 from monitor_core.recording import Conditions

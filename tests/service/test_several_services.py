@@ -25,8 +25,7 @@ from service.operations.monitoring.intake.batch import Batch
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.senders import Notice
-from service.store import database as database_module
-from service.store import intake, notices
+from service.store import database as database_module, intake, notices
 from service.store.axes import new_axis
 from service.store.database import Database, writing
 from service.store.schema import VERSION

@@ -18,8 +18,7 @@ counts as right: so both are tried together, and the evidence decides between th
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from collections.abc import Set as AbstractSet
+from collections.abc import Callable, Iterator, Sequence, Set as AbstractSet
 from dataclasses import dataclass, replace
 from typing import Generic
 

@@ -1,29 +1,18 @@
 """What was measured for an identification, as cases: peaks, natural frequencies or whole responses at positions."""
 
 from monitor_core.identification.cases.any_family import (
-    Case,
-    FrequencyCase,
-    PredictionError,
-    ResponseCase,
-    assigned_frequencies,
-    frequency_case,
-    positions_of,
-    require_positions,
+    Case as Case,
+    FrequencyCase as FrequencyCase,
+    PredictionError as PredictionError,
+    ResponseCase as ResponseCase,
+    assigned_frequencies as assigned_frequencies,
+    frequency_case as frequency_case,
+    positions_of as positions_of,
+    require_positions as require_positions,
 )
-from monitor_core.identification.cases.numbered import nearer
-from monitor_core.identification.cases.peaks import PeakCase, assigned_peaks, peak_case
-
-__all__ = [
-    "Case",
-    "FrequencyCase",
-    "PeakCase",
-    "PredictionError",
-    "ResponseCase",
-    "assigned_frequencies",
-    "assigned_peaks",
-    "frequency_case",
-    "nearer",
-    "peak_case",
-    "positions_of",
-    "require_positions",
-]
+from monitor_core.identification.cases.numbered import nearer as nearer
+from monitor_core.identification.cases.peaks import (
+    PeakCase as PeakCase,
+    assigned_peaks as assigned_peaks,
+    peak_case as peak_case,
+)

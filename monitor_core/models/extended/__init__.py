@@ -1,38 +1,25 @@
 """The extended drive: one closed form for all families, to which effects can be added."""
 
-from monitor_core.models.extended.lines import PreparedLines, ResponseCase, prepare_lines
-from monitor_core.models.extended.model import ExtendedModel, paper_motor_end, physics_of
-from monitor_core.models.extended.modes import natural_frequencies
-from monitor_core.models.extended.physics import (
-    AddedPhysics,
-    AxisPhysics,
-    AxisSetting,
-    BodyPhysics,
-    JointPhysics,
-    ScrewBending,
-    ScrewPhysics,
-    moving_mass,
+from monitor_core.models.extended.lines import (
+    PreparedLines as PreparedLines,
+    ResponseCase as ResponseCase,
+    prepare_lines as prepare_lines,
 )
-from monitor_core.models.extended.responses import responses
-from monitor_core.models.extended.slopes import Move, log_response_slopes
-
-__all__ = [
-    "AddedPhysics",
-    "AxisPhysics",
-    "AxisSetting",
-    "BodyPhysics",
-    "ExtendedModel",
-    "JointPhysics",
-    "Move",
-    "PreparedLines",
-    "ResponseCase",
-    "ScrewBending",
-    "ScrewPhysics",
-    "log_response_slopes",
-    "moving_mass",
-    "natural_frequencies",
-    "paper_motor_end",
-    "physics_of",
-    "prepare_lines",
-    "responses",
-]
+from monitor_core.models.extended.model import (
+    ExtendedModel as ExtendedModel,
+    paper_motor_end as paper_motor_end,
+    physics_of as physics_of,
+)
+from monitor_core.models.extended.modes import natural_frequencies as natural_frequencies
+from monitor_core.models.extended.physics import (
+    AddedPhysics as AddedPhysics,
+    AxisPhysics as AxisPhysics,
+    AxisSetting as AxisSetting,
+    BodyPhysics as BodyPhysics,
+    JointPhysics as JointPhysics,
+    ScrewBending as ScrewBending,
+    ScrewPhysics as ScrewPhysics,
+    moving_mass as moving_mass,
+)
+from monitor_core.models.extended.responses import responses as responses
+from monitor_core.models.extended.slopes import Move as Move, log_response_slopes as log_response_slopes

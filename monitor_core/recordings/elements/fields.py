@@ -7,8 +7,7 @@ Read named values of a JSON document: objects, lists, numbers; what does not fit
 
 import math
 import re
-from collections.abc import Collection, Mapping
-from collections.abc import Set as AbstractSet
+from collections.abc import Collection, Mapping, Set as AbstractSet
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum

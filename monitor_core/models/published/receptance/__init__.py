@@ -4,7 +4,9 @@
 finds the poles from the starts of ``chain``.
 """
 
-from monitor_core.models.published.receptance.model import ReceptanceModel
-from monitor_core.models.published.receptance.parameters import JOINT_NAMES, JointParameters, ReceptanceParameters
-
-__all__ = ["JOINT_NAMES", "JointParameters", "ReceptanceModel", "ReceptanceParameters"]
+from monitor_core.models.published.receptance.model import ReceptanceModel as ReceptanceModel
+from monitor_core.models.published.receptance.parameters import (
+    JOINT_NAMES as JOINT_NAMES,
+    JointParameters as JointParameters,
+    ReceptanceParameters as ReceptanceParameters,
+)

@@ -139,12 +139,6 @@ def _torsion(
     return torsion, turning, coupling_lever, torque_lever, *held
 
 
-__all__ = [
-    "EntireResponses", "LinearTerm", "PositionTerms", "entire_responses", "position_terms", "receptance_between",
-    "table_receptance", "table_receptance_gradient",
-]  # fmt: skip
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class EntireResponses:
     """Numerators and common denominator of all receptances, functions of ω without poles; shape (n_frequencies,) each.

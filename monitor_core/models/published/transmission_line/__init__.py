@@ -5,23 +5,15 @@ runs a drive in time; ``mobility`` and ``modes`` say what the same discretised d
 """
 
 from monitor_core.models.published.transmission_line.grid import (
-    LineGrid,
-    StribeckFriction,
-    TransmissionLineParameters,
-    closest_common_step_grid,
-    common_step_grid,
-    synchronised_grid,
+    LineGrid as LineGrid,
+    StribeckFriction as StribeckFriction,
+    TransmissionLineParameters as TransmissionLineParameters,
+    closest_common_step_grid as closest_common_step_grid,
+    common_step_grid as common_step_grid,
+    synchronised_grid as synchronised_grid,
 )
-from monitor_core.models.published.transmission_line.model import DriveMotion, TransmissionLineModel, simulate_drive
-
-__all__ = [
-    "DriveMotion",
-    "LineGrid",
-    "StribeckFriction",
-    "TransmissionLineModel",
-    "TransmissionLineParameters",
-    "closest_common_step_grid",
-    "common_step_grid",
-    "simulate_drive",
-    "synchronised_grid",
-]
+from monitor_core.models.published.transmission_line.model import (
+    DriveMotion as DriveMotion,
+    TransmissionLineModel as TransmissionLineModel,
+    simulate_drive as simulate_drive,
+)

@@ -72,8 +72,7 @@ What is stated in the file *and* here is refused, and so is an entry that is not
 """
 
 import math
-from collections.abc import Mapping
-from collections.abc import Set as AbstractSet
+from collections.abc import Mapping, Set as AbstractSet
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
