@@ -42,7 +42,7 @@ class AxisIn(RequestModel):
                     },
                 }
             ]
-        },
+        }
     )
 
     name: Label

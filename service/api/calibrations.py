@@ -51,7 +51,7 @@ class CalibrationIn(RequestModel):
         json_schema_extra={
             "oneOf": exactly_one_of("measurements", "readings", "document"),
             "examples": [{"measurements": {}, "comment": "new nut, guided calibration"}],
-        },
+        }
     )
 
     measurements: MeasurementRange | None = None
@@ -160,11 +160,7 @@ def get_calibration(axis: AxisId, calibration: RowId, on: ServicesOf) -> Calibra
 
 @router.post("/axes/{axis}/calibrations/{calibration}/activate", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def activate_calibration(
-    axis: AxisId,
-    calibration: RowId,
-    body: ActivationIn,
-    request: Request,
-    on: ServicesOf,
+    axis: AxisId, calibration: RowId, body: ActivationIn, request: Request, on: ServicesOf
 ) -> CalibrationsOut:
     """Put a calibration in force. It starts a new baseline; `If-Match: "<id>"` guards against a change in between."""
     on.calibrations.activate(axis, calibration, body.reason, expected_active=request.headers.get("if-match"))
@@ -173,11 +169,7 @@ def activate_calibration(
 
 @router.post("/axes/{axis}/rejudgements", status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def start_rejudgement(
-    axis: AxisId,
-    body: RejudgementIn,
-    request: Request,
-    response: Response,
-    on: ServicesOf,
+    axis: AxisId, body: RejudgementIn, request: Request, response: Response, on: ServicesOf
 ) -> JobOut:
     """Judge the history of an axis anew under a calibration, which is in force then; `dry_run` only compares.
 

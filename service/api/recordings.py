@@ -262,11 +262,7 @@ def get_recording_session(axis: AxisId, recording: RowId, on: ServicesOf) -> Fil
     dependencies=[needs(Scope.TRENDS_READ)],
 )
 def get_windows(
-    axis: AxisId,
-    measurement: RowId,
-    query: Annotated[WindowsQuery, Query()],
-    request: Request,
-    on: ServicesOf,
+    axis: AxisId, measurement: RowId, query: Annotated[WindowsQuery, Query()], request: Request, on: ServicesOf
 ) -> StreamingResponse:
     """Read the stored windows of a measurement back, refused ones included: samples as they are stored, bit by bit.
 
@@ -275,15 +271,12 @@ def get_windows(
     """
     kind = query.format or _accepted(request.headers.get("accept", "*/*"))
     name = f"{axis}-{measurement}" + (f"-{query.window}" if query.window else "")
-    if kind == "csv":
-        file, media_type, name = on.stored_windows.table(axis, measurement, query.window), CSV_TYPE, f"{name}.csv"
-    else:
-        file, media_type, name = (
-            on.stored_windows.session(axis, measurement, query.window),
-            HDF5_TYPE,
-            f"{name}.session.h5",
-        )
-    headers = {"Content-Length": str(file.size_bytes), "Content-Disposition": f'attachment; filename="{name}"'}
+    stored = on.stored_windows
+    read, media_type, ending = (
+        (stored.table, CSV_TYPE, "csv") if kind == "csv" else (stored.session, HDF5_TYPE, "session.h5")
+    )
+    file = read(axis, measurement, query.window)
+    headers = {"Content-Length": str(file.size_bytes), "Content-Disposition": f'attachment; filename="{name}.{ending}"'}
     return StreamingResponse(file.parts, media_type=media_type, headers=headers)
 
 

@@ -2,15 +2,13 @@
 
 from asyncio import wrap_future
 from collections import Counter
-from collections.abc import Callable, Coroutine
 from datetime import datetime
 from functools import partial
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Request, Response
 from fastapi.exceptions import RequestValidationError
-from fastapi.routing import APIRoute
-from pydantic import BaseModel, ConfigDict, Field, Strict, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.elements.units import metres
@@ -20,24 +18,10 @@ from service.api.http.samples import Samples
 from service.api.services import Services, services
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
-from service.operations.fields import AnswerModel, AxisId, AxisName, RequestModel, StatedOfWindow
+from service.operations.fields import AnswerModel, AxisId, RequestModel, StatedOfWindow
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
-
-class _WindowsRoute(APIRoute):
-    """Hands a request on as it is: what the framework does for parameters takes as long as to read a window."""
-
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Return what answers a request."""
-
-        async def answered(request: Request) -> Response:
-            return await post_windows(_axis_of(request), request)
-
-        return answered
-
-
-_AXIS = TypeAdapter[str](AxisName)
-router = APIRouter(prefix="/v1", tags=["windows"], route_class=_WindowsRoute)
+router = APIRouter(prefix="/v1", tags=["windows"])
 
 #: To hand a shorter body over to a thread, and take the windows back, costs more than to read it.
 READ_AT_ONCE = 256 * 1024
@@ -193,14 +177,6 @@ async def post_windows(axis: AxisId, request: Request) -> Response:
     # A response of our own: FastAPI would validate what is valid, in yet another thread.
     status = 200 if answer.already_there == len(answer.windows) else 201
     return Response(answer.model_dump_json(), status, media_type=JSON_TYPE)
-
-
-def _axis_of(request: Request) -> str:
-    try:
-        return _AXIS.validate_python(request.path_params["axis"])
-    except ValidationError as error:
-        wrong = error.errors(include_url=False, include_context=False)
-        raise RequestValidationError([{**item, "loc": ("path", "axis")} for item in wrong]) from error
 
 
 async def _posted_by(request: Request, on: Services) -> tuple[list[Window], bool]:

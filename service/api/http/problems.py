@@ -60,10 +60,7 @@ class Problem(BaseModel):
 
 #: For the description of the API: every route may answer so.
 PROBLEM_RESPONSES: dict[int | str, JsonObject] = {
-    status: {
-        "description": description,
-        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
-    }
+    status: {"description": description, "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
     for status, description in (("4XX", "refused; nothing was changed"), ("5XX", "failed; it may be sent again"))
 }
 
