@@ -1,6 +1,6 @@
-"""Explain a discrepancy between a described axis and what was measured of it: which effect its model lacks.
+"""Explain a discrepancy between a described axis and its measurements, and describe the axis with what was found.
 
-Make the description of an axis after an explanation: refitted parameters, its own effects with those found.
+The description has refitted parameters, and its own effects together with those found.
 """
 
 import math

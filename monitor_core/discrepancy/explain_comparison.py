@@ -20,12 +20,12 @@ from monitor_core.discrepancy.verdict.classes import (
     AMPLITUDE_LAW,
     TIME_LAW,
     EquivalenceClass,
+    classes_with_fit,
     margin_between,
     rests_on_levels_of,
 )
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
-    classes_with_fit,
     hidden_in_remainder,
     names_nothing,
     remainder_of,

@@ -48,15 +48,12 @@ _PLAIN: Final = {"ln_ratio": "size", "youngs": "Young's", "nut_stiffness": "nut 
 
 @cache
 def _names() -> dict[str, str]:
-    of_motion = {effect.key: effect.name for effect in MOTION_EFFECTS}
-    return (
-        of_motion
-        | {effect.key: effect.name for effect in DRIVE_EFFECTS}
-        | {
-            AMPLITUDE_LAW: "Something that goes with the excitation by a law of its own",
-            TIME_LAW: "Something that changes from one measurement to the next",
-        }
-    )
+    return {
+        **{effect.key: effect.name for effect in MOTION_EFFECTS},
+        **{effect.key: effect.name for effect in DRIVE_EFFECTS},
+        AMPLITUDE_LAW: "Something that goes with the excitation by a law of its own",
+        TIME_LAW: "Something that changes from one measurement to the next",
+    }
 
 
 def name_of(key: str) -> str:

@@ -1,13 +1,11 @@
-r"""Locate a misfit: where data and model differ, and what the difference looks like.
+r"""Locate a misfit, as places and as maps: where data and model differ, and what the difference looks like.
 
 Residuals that are standard normal and independent where the model is right are tested, together at one level (Holm):
 is their sum of squares too large, over all and over every band, channel, position, preload, payload, temperature,
 excitation level and direction (χ²); do they follow one another along a series (Ljung and Box, and the runs of their
 signs); does their size go with a condition (rank correlation); do they go along a signature, or more so with a
 condition. What is found is narrowed to the place that holds it, named by its kind and taken out; then the rest is
-tested again.
-
-Draw up maps of the misfit: its rms by the values of a condition and by frequency band.
+tested again. A map has the rms of the misfit by the values of a condition and by frequency band.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -8,8 +8,6 @@ dimension are compared by
 the BIC of k signatures in n residuals that are standard normal, or wider where nothing explains all of them (Schwarz
 1978). Two kinds follow from the others: a hysteretic loss is a damping whose force does not grow with the rate, and
 a misfit depends on the amplitude if settings that differ in nothing but the excitation level need different amounts.
-
-Compute how residuals move with stiffnesses, masses, dampings and delays: the signatures of kinds of misfit.
 """
 
 import math
