@@ -2,23 +2,16 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from monitor_core.models import MotorEnd
-from monitor_core.models.catalogue import (
-    BearingArrangement,
-    CatalogueData,
-    ExpectedMode,
-    NutKind,
-    drive_from_catalogue,
-    expected_mode,
-)
 from monitor_core.recordings.elements.units import metres
 from service.operations.fields import RequestModel
 
-_USUAL = CatalogueData()
+if TYPE_CHECKING:
+    from monitor_core.models.catalogue import CatalogueData, ExpectedMode
 
 
 class CatalogueIn(RequestModel):
@@ -36,8 +29,10 @@ class CatalogueIn(RequestModel):
     bearings: Literal["fixed-free", "fixed-supported", "fixed-fixed"] = "fixed-supported"
     excitation_source: Literal["sensor", "drive"] = "sensor"
 
-    def to_core(self) -> CatalogueData:
+    def to_core(self) -> "CatalogueData":
         """Return the core's record, in SI units."""
+        from monitor_core.models.catalogue import BearingArrangement, CatalogueData, NutKind  # noqa: PLC0415  # a start pays for no analysis
+
         return CatalogueData(
             screw_diameter=metres(self.screw_diameter_mm),
             screw_lead=metres(self.screw_lead_mm),
@@ -55,7 +50,7 @@ class AxisProposal:
     """What an axis of such data is registered with."""
 
     drive_model: str  # TOML
-    mode: ExpectedMode
+    mode: "ExpectedMode"
     usual_preload: float  # that makers set [N]
 
     @property
@@ -72,6 +67,7 @@ def axis_proposal(data: CatalogueIn) -> AxisProposal:
     Raises OutsideValidityError in one sentence if no such axis can be.
     """
     from monitor_core import AxisDescription  # noqa: PLC0415  # a start pays for no analysis
+    from monitor_core.models.catalogue import drive_from_catalogue, expected_mode  # noqa: PLC0415
     from monitor_core.recordings.model_file import model_file_text  # noqa: PLC0415
 
     core = data.to_core()

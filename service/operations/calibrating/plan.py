@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field
 
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
-from monitor_core.models.catalogue import NutKind
 from monitor_core.preload import (
     CalibrationPlan,
     ExpectedReadings,
@@ -39,7 +38,6 @@ _WISHED: Final = 0.3
 #: Settings nearer to each other than this were meant to be one [mm], [-].
 _NEAR_MM, _NEAR_SHARE = 20.0, 0.1
 #: The preload that makers set in a nut, of its dynamic load rating.
-_USUAL_SHARE: Final = NutKind.DOUBLE.usual_share
 _USUAL_TRAVEL, _USUAL_PRELOAD = (100.0, 900.0), 300.0  # where nothing is known of an axis [mm], [N]
 
 Source = Literal["measured", "calibration", "model", "none"]
@@ -182,10 +180,12 @@ def _screw_length(configuration: AxisConfiguration) -> float | None:
 
 def _rated(configuration: AxisConfiguration) -> float | None:
     """Return the preload that makers set in such a nut; None if its load rating is not stated [N]."""
+    from monitor_core.models.catalogue import NutKind  # noqa: PLC0415  # a start pays for no analysis
+
     if configuration.drive_model is None:
         return None
     rating = _parameters(configuration.drive_model).get("dynamic_load_rating_n")
-    return None if rating is None else float(f"{_USUAL_SHARE * rating:.2g}")
+    return None if rating is None else float(f"{NutKind.DOUBLE.usual_share * rating:.2g}")
 
 
 @lru_cache(maxsize=64)

@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Window
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
-from monitor_core.recordings.raw.mapping.imported import LeftOut, import_session
 from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT, open_session, write_session
 from service.clock import text_of
 from service.documents.recording import ChannelEntry
@@ -24,6 +22,10 @@ from service.operations.fields import MOST_SAMPLES, StatedOfWindow
 from service.operations.own_process import Progress, Report
 from service.store.recordings import Room, not_taken
 from service.store.window_format import size_of
+
+if TYPE_CHECKING:
+    from monitor_core.recordings.raw.channels import Channel, Channels
+    from monitor_core.recordings.raw.mapping.imported import LeftOut
 
 SESSION_SUFFIX = ".session.h5"
 #: Samples may take so many times the room of the largest file that is taken: files are compressed.
@@ -59,7 +61,7 @@ class Look:
     n_windows: int
     n_measurements: int
     channels: list[ChannelEntry]
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: "tuple[LeftOut, ...]" = ()
     remarks: tuple[str, ...] = ()  # on how the session was made of raw files
 
 
@@ -69,12 +71,15 @@ def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, bounds
     Raises RecordingFormatError if it is no session, does not fit its map, or a window is not one that can be taken;
     BodyTooLargeError if its samples take more room than a recording may; MissingReaderError; StorageError.
     """
+    from monitor_core.recordings.raw.mapping.channel_map import read_channel_map  # noqa: PLC0415  # a start reads no file
+    from monitor_core.recordings.raw.mapping.imported import import_session  # noqa: PLC0415
+
     windows = _Windows(bounds)
     if map_path is None:
         return _session(paths, windows, report)
     channels: list[ChannelEntry] = []
 
-    def note(read: Channels) -> None:
+    def note(read: "Channels") -> None:
         channels.extend(_channel(read.file_name, channel) for channel in read.channels)
 
     imported = import_session(
@@ -212,7 +217,7 @@ class _Seen:
         ]
 
 
-def _channel(file_name: str, channel: Channel) -> ChannelEntry:
+def _channel(file_name: str, channel: "Channel") -> ChannelEntry:
     """Say of a channel what its file says."""
     rate = channel.sample_rate
     return ChannelEntry(

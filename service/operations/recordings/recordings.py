@@ -23,7 +23,6 @@ from service.operations.foreign_file import reading
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import COUNTS, Pace, take_session
 from service.operations.own_process import Progress, Reporting
-from service.operations.recordings.file_check import checked, unreadable
 from service.operations.recordings.look import MOST_CHANNELS, Look, bounds_of, look_into, plain
 from service.operations.recordings.upload import MAP_NAME, Upload, UploadedFile, write_map
 from service.store import jobs, recordings
@@ -247,6 +246,8 @@ class Recordings:
 
     def check(self, job: JobHandle) -> None:
         """Look into the files of a recording, in a process of its own; what is in them is the result of the job."""
+        from service.operations.recordings.file_check import checked, unreadable  # noqa: PLC0415  # a start reads no file
+
         number = ImportArguments.model_validate(job.arguments).recording
         row = self.get(job.axis_id, number).row
         folder = self._files.folder(row.folder) / "files"
