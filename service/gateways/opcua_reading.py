@@ -82,11 +82,11 @@ async def read_service(http: AsyncClient) -> Reading:
 async def _alarms(http: AsyncClient, status: str) -> list[AlarmSeen]:
     query: dict[str, str | int] = {"status": status, "limit": 200}
     page = _Alarms.model_validate(await _get(http, "/v1/alarms", query))
-    found = page.alarms
+    alarms = page.alarms
     while page.next_cursor is not None:
         page = _Alarms.model_validate(await _get(http, "/v1/alarms", query | {"cursor": page.next_cursor}))
-        found += page.alarms
-    return found
+        alarms += page.alarms
+    return alarms
 
 
 async def _get(http: AsyncClient, path: str, query: dict[str, str | int] | None = None) -> object:

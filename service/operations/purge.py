@@ -182,13 +182,13 @@ class Purge:
         """Remove the unsettled files that no window names, and settle all."""
         with self._database.connect() as connection:
             with reading(connection):
-                found = retention.unsettled(connection)
-            for path, is_named in found.items():
+                unsettled = retention.unsettled(connection)
+            for path, is_named in unsettled.items():
                 if not is_named:
                     self._waveforms.remove(path)
-            if found:
+            if unsettled:
                 with writing(connection):
-                    retention.settle(connection, found)
+                    retention.settle(connection, unsettled)
 
     def _end(self, purge_id: int) -> PurgeRow:
         with self._database.write() as session:

@@ -228,8 +228,8 @@ class Surveys:
             with self._database.connect() as connection, reading(connection):
                 changes = retention.changes(connection)
             if self._newest is None or time.monotonic() - self._newest[0] > FRESH_S or self._newest[1] != changes:
-                found = survey(self._database, self._waveforms, self._rule, now())
-                self._newest = time.monotonic(), changes, found
+                counted = survey(self._database, self._waveforms, self._rule, now())
+                self._newest = time.monotonic(), changes, counted
             return self._newest[2]
 
 
@@ -241,9 +241,9 @@ def survey(database: Database, waveforms: WaveformStore, rule: Rule, at: datetim
     with database.connect() as connection, reading(connection):
         holds: dict[str, Holds] = {}
         for path in old:
-            found = retention.windows_in(connection, path)
-            unnamed += 0 if found else sizes[path]
-            for window, n_bytes in _bytes_of(found, sizes[path]):
+            stored = retention.windows_in(connection, path)
+            unnamed += 0 if stored else sizes[path]
+            for window, n_bytes in _bytes_of(stored, sizes[path]):
                 if window.axis_id not in holds:
                     holds[window.axis_id] = holds_of(connection, window.axis_id, rule)
                 why = holds[window.axis_id].why(window)

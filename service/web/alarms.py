@@ -160,8 +160,8 @@ def _cause_code(explanation: object) -> str:
 def _advice(on: Services, cause: str) -> list[Advice]:
     """Return what to check for the cause; where none is known, what to check of any loss of preload as well."""
     codes = [cause, "preload"] if cause in ("not-examined", "unknown") else [cause]
-    found = (on.advice.of("cause", code) for code in codes)
-    return [advice for advice in found if advice is not None]
+    entries = (on.advice.of("cause", code) for code in codes)
+    return [advice for advice in entries if advice is not None]
 
 
 _SeenEvent = Annotated[int, Field(ge=0, lt=2**63)] | None

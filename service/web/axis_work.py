@@ -57,10 +57,10 @@ def work_page(axis: AxisId, page: PageOf, query: Annotated[WorkQuery, Query()], 
 def _entry(axis: str, log: list[MaintenanceRow], number: int | None) -> MaintenanceRow | None:
     if number is None:
         return None
-    found = next((row for row in log if row.id == number), None)
-    if found is None:
+    entry = next((row for row in log if row.id == number), None)
+    if entry is None:
         raise UnknownResourceError(f"axis '{axis}' has no entry {number} in its maintenance log")
-    return found
+    return entry
 
 
 @router.post("/axes/{axis}/work", dependencies=[needs(Scope.ALARMS_ACK)])

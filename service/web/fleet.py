@@ -75,12 +75,12 @@ def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Resp
         return _archived(page, query, on)
     fleet, alarms = on.trend.fleet(), on.alarms.open_by_axis()
     needy = sum(status.state in NEEDY for status in fleet.axes) + len(fleet.damaged)
-    found = sorted(
+    statuses = sorted(
         (status for status in fleet.axes if _is_meant(status, query)),
         key=lambda status: (SEVERITY.index(status.state), _is_taken(alarms.get(status.row.id)), status.row.id),
     )
     first = (query.page - 1) * _ON_A_PAGE
-    shown = found[first : first + _ON_A_PAGE]
+    shown = statuses[first : first + _ON_A_PAGE]
     return page.show(
         template,
         axes=_lines(on, shown, alarms),
@@ -88,9 +88,9 @@ def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Resp
         trial=trial_of(on),
         n_needy=needy,
         n_axes=len(fleet.axes) + len(fleet.damaged),
-        n_found=len(found),
+        n_found=len(statuses),
         query=query,
-        n_pages=-(-len(found) // _ON_A_PAGE),
+        n_pages=-(-len(statuses) // _ON_A_PAGE),
         states=SEVERITY,
     )
 
@@ -98,12 +98,12 @@ def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Resp
 def _archived(page: PageOf, query: FleetQuery, on: Services) -> Response:
     """Show the archived axes, which no list holds otherwise."""
     wanted = query.q.strip().lower()
-    found = [
+    rows = [
         status.row
         for status in on.trend.fleet(archived=True).axes
         if status.row.archived_at is not None and (wanted in status.row.name.lower() or wanted in status.row.id.lower())
     ]
-    return page.show("fleet_archived.html", axes=found, query=query)
+    return page.show("fleet_archived.html", axes=rows, query=query)
 
 
 def _is_meant(status: AxisStatus, query: FleetQuery) -> bool:

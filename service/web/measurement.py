@@ -68,7 +68,7 @@ def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: Service
     view = on.trend.measurement(axis, measurement)
     measured = view.outcome or NOTHING_MEASURED
     evidence = evidence_of(on.database, on.waveforms, axis, view)
-    found, ladder = evidence.responses(), evidence.ladder()
+    responses, ladder = evidence.responses(), evidence.ladder()
     before, following = evidence.neighbours()
     return page.show(
         "measurement.html",
@@ -79,9 +79,9 @@ def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: Service
         advice=_advice(on, measured),
         ladder=ladder,
         rungs=[] if ladder is None else _rungs(ladder, measured.variance_shares),
-        pictures=response_pictures(page.words, found, measured.frequency_hz),
+        pictures=response_pictures(page.words, responses, measured.frequency_hz),
         windows=_windows(view),
-        drawn=window_pictures(page.words, found.windows),
+        drawn=window_pictures(page.words, responses.windows),
         let_go=view.let_go,
         judgements=[judgement_out(judgement) for judgement in evidence.judgements()],
         before=before,
@@ -165,14 +165,14 @@ class WindowPicture:
     is_force: bool
 
 
-def response_pictures(words: Words, found: Responses, picked: float | None) -> ResponsePictures | None:
+def response_pictures(words: Words, responses: Responses, picked: float | None) -> ResponsePictures | None:
     """Draw magnitude, phase and coherence around the band of the mode; None where there is no response."""
-    if found.measured is None or found.band is None:
+    if responses.measured is None or responses.band is None:
         return None
-    low, high = found.band
+    low, high = responses.band
     reach = max(high - low, _LEAST_REACH_HZ)
-    measured = _around(found.measured, low - reach, high + reach)
-    baseline = None if found.baseline is None else _around(found.baseline, low - reach, high + reach)
+    measured = _around(responses.measured, low - reach, high + reach)
+    baseline = None if responses.baseline is None else _around(responses.baseline, low - reach, high + reach)
     unit = _UNITS.get(measured.quantity, "")
 
     def draw(
@@ -186,7 +186,7 @@ def response_pictures(words: Words, found: Responses, picked: float | None) -> R
         ]
         if not curves:
             return None
-        picture = LinePicture(title, "Hz", y_unit, curves, found.band, picked, logarithmic, limits)
+        picture = LinePicture(title, "Hz", y_unit, curves, responses.band, picked, logarithmic, limits)
         return twice(words, partial(line_chart, picture), *frames)
 
     magnitude = draw(
@@ -201,7 +201,7 @@ def response_pictures(words: Words, found: Responses, picked: float | None) -> R
     )
     if magnitude is None or phase is None:
         return None
-    return ResponsePictures(magnitude, phase, coherence, unit, _rows(measured, baseline), found.n_baseline)
+    return ResponsePictures(magnitude, phase, coherence, unit, _rows(measured, baseline), responses.n_baseline)
 
 
 def window_pictures(words: Words, windows: Sequence[Window]) -> list[WindowPicture]:

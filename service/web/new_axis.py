@@ -82,10 +82,10 @@ def register_axis(page: PageOf, form: Annotated[NewAxisForm, Form()], on: Servic
 def axis_id_of(name: str) -> str:
     """Return the identifier of an axis of that name; raises ValidationError or ConflictError."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    found = _NAME.validate_python(re.sub(r"[^A-Za-z0-9._]+", "-", plain).strip("-._")[:64].lower())
-    if found == NEW:  # the address of this page
+    axis_id = _NAME.validate_python(re.sub(r"[^A-Za-z0-9._]+", "-", plain).strip("-._")[:64].lower())
+    if axis_id == NEW:  # the address of this page
         raise ConflictError(f"an axis cannot be called '{NEW}'; choose another name")
-    return found
+    return axis_id
 
 
 def _proposal(form: NewAxisForm) -> tuple[AxisProposal | None, str]:

@@ -109,8 +109,8 @@ class Access:
             return ANYONE
         if key is not None:
             return self._of_key(known, key, address)
-        if cookie is not None and (found := known.sessions.get(fingerprint(cookie))) is not None:
-            caller, expires_at = found
+        if cookie is not None and (logged_in := known.sessions.get(fingerprint(cookie))) is not None:
+            caller, expires_at = logged_in
             if expires_at > now():
                 return caller
         raise UnauthenticatedError("say who asks: a key in `Authorization: Bearer …`, or log in at /login")
@@ -182,14 +182,14 @@ class Access:
 
     def _of_key(self, known: _Known, key: str, address: str) -> Caller:
         at_s, tried = time.monotonic(), f"key from {address}"
-        found = known.keys.get(fingerprint(key))
-        if found is None or (found[2] is not None and found[2] <= now()):
+        stored = known.keys.get(fingerprint(key))
+        if stored is None or (stored[2] is not None and stored[2] <= now()):
             self._require_no_wait(tried, at_s=at_s)
             self.throttle.wrong(tried, at_s=at_s)
             raise UnauthenticatedError(
                 "the key is unknown, revoked or expired; `preload key list` shows those there are"
             )
-        number, caller, _ = found
+        number, caller, _ = stored
         self._used[number] = now()
         return caller
 

@@ -39,8 +39,8 @@ def hashed_password(password: str) -> str:
 def is_password(password: str, stored: str) -> bool:
     """Tell whether a password is the one that was stored."""
     _, n, r, p, salt, expected = stored.split("$")
-    found = _scrypt(password, base64.b64decode(salt), int(n), int(r), int(p))
-    return hmac.compare_digest(found, base64.b64decode(expected))
+    given = _scrypt(password, base64.b64decode(salt), int(n), int(r), int(p))
+    return hmac.compare_digest(given, base64.b64decode(expected))
 
 
 @cache

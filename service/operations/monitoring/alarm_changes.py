@@ -38,17 +38,17 @@ def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, beca
         stood, raised = defaultdict(list), defaultdict(list)
         for row in before:
             stood[_epoch_at(folded, row.measured_at)].append(row)
-        for found in folded.raised:
-            raised[found.point.epoch].append(found)
+        for alarm in folded.raised:
+            raised[alarm.point.epoch].append(alarm)
         for epoch in sorted({*stood, *raised}):
-            for row, found in zip_longest(stood[epoch], raised[epoch]):
-                if found is None:
+            for row, alarm in zip_longest(stood[epoch], raised[epoch]):
+                if alarm is None:
                     change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the charts raise none")
                 elif row is None:
                     n_new += 1
-                    _raise(session, axis, epoch, found)
+                    _raise(session, axis, epoch, alarm)
                 else:
-                    _raise_again(session, row, epoch, found, because_of)
+                    _raise_again(session, row, epoch, alarm, because_of)
         session.commit()  # hands it to the connection
     return n_new
 
@@ -58,19 +58,19 @@ def _epoch_at(folded: Folded, moment: datetime) -> int:
     return entered[-1] if entered else folded.since_epoch
 
 
-def _raise_again(session: Session, row: AlarmRow, epoch: int, found: Raised, because_of: str) -> None:
-    evidence = alarm_evidence(found.point, found.state, found.calibration)
+def _raise_again(session: Session, row: AlarmRow, epoch: int, alarm: Raised, because_of: str) -> None:
+    evidence = alarm_evidence(alarm.point, alarm.state, alarm.calibration)
     row.epoch = epoch
     if row.evidence != evidence:
-        row.evidence, row.measurement_id, row.measured_at = evidence, found.point.measurement_id, found.point.at
+        row.evidence, row.measurement_id, row.measured_at = evidence, alarm.point.measurement_id, alarm.point.at
         change_alarm(session, row, row.status, f"{because_of} changed the evidence")
 
 
-def _raise(session: Session, axis: AxisRecord, epoch: int, found: Raised) -> None:
-    at, point = now(), found.point
+def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised) -> None:
+    at, point = now(), alarm.point
     row = AlarmRow(
         axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, raised_at=at, epoch=epoch,
-        measured_at=point.at, status=alarms.ACTIVE, evidence=alarm_evidence(point, found.state, found.calibration),
+        measured_at=point.at, status=alarms.ACTIVE, evidence=alarm_evidence(point, alarm.state, alarm.calibration),
         explanation=not_examined_yet(axis.configuration), shelved_until=None,
     )  # fmt: skip
     session.add(row)

@@ -78,8 +78,8 @@ def outlook_of(database: Database, axis_id: str, name: str, wanted: AxisConfigur
         stored = load_configuration(row.configuration)
         changes = changes_between((row.name, stored), (name, wanted))
         changed = {change.setting for change in changes}
-        found = _Look(session, row, stored, wanted)
-        return Outlook(changes, tuple(found.consequences(changed)))
+        look = _Look(session, row, stored, wanted)
+        return Outlook(changes, tuple(look.consequences(changed)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +138,9 @@ class _Look:
         points = page_of_points(
             self.session.connection(), self.row.number, Span(), after=None, limit=MOST_FREQUENCIES, newest_first=True
         )
-        found = [point.frequency_hz for point in points if point.frequency_hz is not None]
-        n_outside = sum(not low <= frequency <= high for frequency in found)
-        yield from of_band(InBand(low, high, n_outside, len(found), self.row.active_calibration_id is not None))
+        frequencies = [point.frequency_hz for point in points if point.frequency_hz is not None]
+        n_outside = sum(not low <= frequency <= high for frequency in frequencies)
+        yield from of_band(InBand(low, high, n_outside, len(frequencies), self.row.active_calibration_id is not None))
 
     def _n_others(self) -> int:
         """Count the other axes of the machine."""

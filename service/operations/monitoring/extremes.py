@@ -66,8 +66,8 @@ def _extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
         stretch = held[first:end]
         valued = [part for part in stretch if part.lowest_at is not None]
         if valued:
-            found = min(valued, key=_LOWEST).lowest_at, max(valued, key=_HIGHEST).highest_at
-            moments.update(at for at in found if at is not None)
+            extremes_at = min(valued, key=_LOWEST).lowest_at, max(valued, key=_HIGHEST).highest_at
+            moments.update(at for at in extremes_at if at is not None)
         elif stretch:
             moments.add(min(part.first_at for part in stretch))
     return moments

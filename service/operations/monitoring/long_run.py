@@ -128,17 +128,17 @@ def _sisters_of(session: Session, axis: AxisRow, most: int) -> list[AxisRow]:
     axis_type = load_configuration(axis.configuration).axis_type
     if axis_type is None:
         return []
-    found: list[AxisRow] = []
+    sisters: list[AxisRow] = []
     for sister in list_axes(session):
         try:
             same = sister.id != axis.id and load_configuration(sister.configuration).axis_type == axis_type
         except DocumentDamagedError:  # it is told of on its own page
             continue
         if same:
-            found.append(sister)
-        if len(found) == most:
+            sisters.append(sister)
+        if len(sisters) == most:
             break
-    return found
+    return sisters
 
 
 def _alike(points: Sequence[TrendPoint]) -> list[TrendPoint]:
@@ -166,11 +166,11 @@ def _projected(points: Sequence[TrendPoint]) -> ProjectedPreload | None:
     reach = min(last - first, _LONGEST_AHEAD)
     ahead = np.linspace(0.0, reach / _DAY, 13)
     try:
-        found = project(days, values, ahead)
+        projection = project(days, values, ahead)
     except NotIdentifiableError:
         return None
     moments = [last + float(day) * _DAY for day in ahead]
     return ProjectedPreload(
-        first, len(points), found.slope.value, moments,
-        found.value.tolist(), found.lower.tolist(), found.upper.tolist(),
+        first, len(points), projection.slope.value, moments,
+        projection.value.tolist(), projection.lower.tolist(), projection.upper.tolist(),
     )  # fmt: skip

@@ -107,8 +107,8 @@ def _median(values: Sequence[float | None]) -> float | None:
     """Return the median, open ends counted as the largest; None where there is none, or it is open."""
     if not values:
         return None
-    found = median(float("inf") if value is None else value for value in values)
-    return found if found < float("inf") else None
+    middle = median(float("inf") if value is None else value for value in values)
+    return middle if middle < float("inf") else None
 
 
 MEASUREMENT, POINT = TypeAdapter(MeasurementRecord), TypeAdapter(TrendPoint)
@@ -177,14 +177,14 @@ def _read(waveforms: WaveformStore, stored: Sequence[StoredWindow]) -> list[Wind
     try:
         return waveforms.read([window.place for window in wanted])
     except WaveformDamagedError:
-        found: list[Window] = []
+        windows: list[Window] = []
     for window in wanted:
         try:
-            found += waveforms.read([window.place])
+            windows += waveforms.read([window.place])
         except WaveformDamagedError:
             if window.refusal_reason in _AVERAGED:
                 return None
-    return found
+    return windows
 
 
 def _dumped(row: MeasurementRecord) -> JsonObject:

@@ -20,7 +20,7 @@ class _Cause(BaseModel):
 
 
 def facts_of(
-    status: AxisStatus, calibrations: CalibrationOverview, found: Sequence[AlarmView], alert: AlertView | None
+    status: AxisStatus, calibrations: CalibrationOverview, alarms: Sequence[AlarmView], alert: AlertView | None
 ) -> AxisFacts:
     """Return what is known of an axis; its alarms come newest first."""
     row, last = status.row, status.last
@@ -35,15 +35,15 @@ def facts_of(
         last_refused=last.reason,
         preload=last.preload_n,
         baseline=last.baseline_preload_n,
-        cleared=_cleared(status, calibrations, found),
+        cleared=_cleared(status, calibrations, alarms),
         alert=alert,
-        alarm=open_alarm(found) if row.state == "alarm" else None,
+        alarm=open_alarm(alarms) if row.state == "alarm" else None,
     )
 
 
-def open_alarm(found: Sequence[AlarmView]) -> OpenAlarm | None:
+def open_alarm(alarms: Sequence[AlarmView]) -> OpenAlarm | None:
     """Return what is said of the newest alarm that is open."""
-    view = next((view for view in found if view.row.status in status_of.OPEN), None)
+    view = next((view for view in alarms if view.row.status in status_of.OPEN), None)
     if view is None:
         return None
     evidence, cause = read_evidence(view.row.evidence), _Cause.model_validate(view.row.explanation)
@@ -58,12 +58,12 @@ def open_alarm(found: Sequence[AlarmView]) -> OpenAlarm | None:
     )
 
 
-def _cleared(status: AxisStatus, calibrations: CalibrationOverview, found: Sequence[AlarmView]) -> Cleared | None:
+def _cleared(status: AxisStatus, calibrations: CalibrationOverview, alarms: Sequence[AlarmView]) -> Cleared | None:
     """Return the clearing with which the charts began again, if nothing moved them since."""
     row = status.row
     if row.state != "unknown" or row.epoch_from is not None:
         return None
-    events = [event for view in found if (event := view.last_to(status_of.CLEARED)) is not None]
+    events = [event for view in alarms if (event := view.last_to(status_of.CLEARED)) is not None]
     newest = max(events, key=lambda event: event.at, default=None)
     activated_at = max((activation.activated_at for activation in calibrations.activations), default=None)
     if newest is None or (activated_at is not None and activated_at > newest.at):

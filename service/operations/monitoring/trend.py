@@ -267,10 +267,10 @@ class Trend:
                 session.connection(), number, span, after=after, limit=most + 1, newest_first=newest_first
             )
         looked = points[:most]
-        found = [point for point in looked if _is_meant(point, only)]
-        if len(found) > limit:
-            return TrendPage(found[:limit], _encode_cursor(found[limit - 1]))
-        return TrendPage(found, _encode_cursor(looked[-1]) if len(points) > most else None)
+        meant = [point for point in looked if _is_meant(point, only)]
+        if len(meant) > limit:
+            return TrendPage(meant[:limit], _encode_cursor(meant[limit - 1]))
+        return TrendPage(meant, _encode_cursor(looked[-1]) if len(points) > most else None)
 
     def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage:
         """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload."""

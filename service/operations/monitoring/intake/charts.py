@@ -239,9 +239,9 @@ class _Fold:
         """Stand in an epoch as the charts did at its last checkpoint before a moment, or where it begins."""
         connection, number = self._connection, self._axis.number
         counted = 0 if epoch is None or epoch.epoch is None else epoch.epoch
-        found = checkpoint_before(connection, number, counted, first)
-        if found is not None:
-            self._begun_after, self._state = found[0], load_state(found[1])
+        checkpoint = checkpoint_before(connection, number, counted, first)
+        if checkpoint is not None:
+            self._begun_after, self._state = checkpoint[0], load_state(checkpoint[1])
         else:
             self._begun_after = None if epoch is None else epoch.begins_at - _NEXT
             self._state = load_state(None if epoch is None else epoch.state)
@@ -272,8 +272,8 @@ class _Fold:
 
     def _take_calibration(self, calibration_id: int | None) -> None:
         if calibration_id != self._calibration_id:
-            found = CalibrationsInForce().numbered(self._connection, self._axis.id, calibration_id)
-            self._calibration_id, self._calibration = calibration_id, found
+            calibration = CalibrationsInForce().numbered(self._connection, self._axis.id, calibration_id)
+            self._calibration_id, self._calibration = calibration_id, calibration
 
     @staticmethod
     def _limit(epoch: EpochRecord, before: datetime | None) -> datetime | None:

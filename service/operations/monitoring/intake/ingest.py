@@ -95,8 +95,8 @@ class Ingest:
     def close_overdue(self) -> None:
         """Judge measurements that no window came to for longer than their axis waits, with the windows they have."""
         with self._database.connect() as connection, reading(connection):
-            found = intake.overdue(connection, now())
-        for axis_id, name in found:
+            overdue = intake.overdue(connection, now())
+        for axis_id, name in overdue:
             self._round([Post(axis_id, (), frozenset({name}))], wait=True)
 
     def _serve(self) -> None:
