@@ -142,11 +142,11 @@ class WindowsGateway:
         taken = _Taken(message.mid)
         if message.qos > 0:
             self._waiting.append(taken)
-        said = self._answer(axis, message, answer)
-        if said is None:
+        reply = self._answer(axis, message, answer)
+        if reply is None:
             taken.is_done = True
         else:
-            number = client.publish(said.topic, said.payload, 1, properties=said.properties(self._broker)).mid
+            number = client.publish(reply.topic, reply.payload, 1, properties=reply.properties(self._broker)).mid
             self._answers[number] = taken
         self._acknowledge()
 
@@ -198,7 +198,7 @@ class WindowsGateway:
 
 def content_type_of(message: "MQTTMessage") -> str:
     """Return the content type that a message says, or else that its first byte shows: no MessagePack map is ASCII."""
-    said: str | None = getattr(message.properties, "ContentType", None)
-    if said is None:
+    stated: str | None = getattr(message.properties, "ContentType", None)
+    if stated is None:
         return JSON_TYPE if message.payload[:1].isascii() else MSGPACK_TYPE
-    return said if said.isascii() and said.isprintable() else ascii(said)[:100]
+    return stated if stated.isascii() and stated.isprintable() else ascii(stated)[:100]

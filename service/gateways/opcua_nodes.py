@@ -128,8 +128,8 @@ class Nodes:
         ):
             setattr(event, state, ua.LocalizedText(text))
             setattr(event, f"{state}/Id", holds)
-        said = alarm.evidence.sentence or alarm.kind
+        sentence = alarm.evidence.sentence or alarm.kind
         await generator.trigger(
             alarm.raised_at if is_open and not is_seen else None,
-            f"{alarm.axis}: {said}" if is_open else f"{alarm.axis}: alarm {alarm.id} is closed",
+            f"{alarm.axis}: {sentence}" if is_open else f"{alarm.axis}: alarm {alarm.id} is closed",
         )

@@ -75,8 +75,8 @@ def read_advice(own: Path | None) -> AdviceTable:
     for section, codes in ({} if own is None else _read(own)).items():
         for code, entry in codes.items():
             if (section, code) not in entries:
-                known = ", ".join(name for place, name in entries if place == section)
-                raise DataFolderError(f"the advice in {own}: expected a {section} of {known}; got {code}")
+                codes_of_section = ", ".join(name for place, name in entries if place == section)
+                raise DataFolderError(f"the advice in {own}: expected a {section} of {codes_of_section}; got {code}")
             added[section, code] = entry
     return AdviceTable({key: _joined(key, entry, added.get(key, _Entry())) for key, entry in entries.items()})
 

@@ -68,7 +68,7 @@ class ProcessEndedError(RuntimeError):
     """A process of its own has ended without an answer."""
 
     def __init__(self, exit_code: int | None, *, has_begun: bool = True) -> None:
-        super().__init__(f"the process of the search ended by itself, exit code {exit_code}")
+        super().__init__(f"the process of this work ended by itself, exit code {exit_code}")
         self.exit_code = exit_code  # below zero: minus the signal that ended it
         self.has_begun = has_begun  # with its work
 

@@ -68,14 +68,14 @@ class Purge:
 
     def begin(self, session: Session, who: str, at: datetime) -> PurgeRow:
         """Store a purge that is about to begin, with its entry of the log; raises ConflictError if there is no rule."""
-        days, before = self.rule.keep_raw_days, self.rule.lets_go_before(at)
-        if days is None or before is None:
+        days, lets_go_before = self.rule.keep_raw_days, self.rule.lets_go_before(at)
+        if days is None or lets_go_before is None:
             raise ConflictError("no rule is set (PRELOAD_KEEP_RAW_DAYS): every waveform is kept for ever")
         entry = AuditRow(at=at, who=who[:120], action=f"purge by the rule of {days} days", target="/v1/retention")
         session.add(entry)
         session.flush()
         row = PurgeRow(
-            begun_at=at, ended_at=None, keep_raw_days=days, lets_go_before=before, n_windows=0, freed_bytes=0,
+            begun_at=at, ended_at=None, keep_raw_days=days, lets_go_before=lets_go_before, n_windows=0, freed_bytes=0,
             audit_id=entry.id,
         )  # fmt: skip
         session.add(row)
@@ -90,14 +90,14 @@ class Purge:
         """
         with self._database.read() as session:
             purge = retention.get_purge(session, purge_id)
-        before = folder_of_day(purge.lets_go_before)
+        folder_before = folder_of_day(purge.lets_go_before)
         if self.rule.keep_raw_days == purge.keep_raw_days:
             self._settle(wait)
             with self._database.connect() as connection, reading(connection):
-                total = retention.count_files(connection, before)
+                total = retention.count_files(connection, folder_before)
             done, at = 0, ""
             report(done, total)
-            while paths := self._next(at, before):
+            while paths := self._next(at, folder_before):
                 self._alone(wait, partial(self._let_go, purge_id, paths))
                 done, at = done + len(paths), paths[-1]
                 report(min(done, total), total)
@@ -255,13 +255,13 @@ class Purges:
     def begin_if_due(self) -> None:
         """Begin today's purge unless it has begun, or there is nothing old enough."""
         at = now()
-        before = self._purge.rule.lets_go_before(at)
-        if before is None:
+        lets_go_before = self._purge.rule.lets_go_before(at)
+        if lets_go_before is None:
             return
         with self._database.read() as session:
             newest = retention.newest_purges(session, 1)
-            is_old = retention.next_file(session.connection(), "", folder_of_day(before)) is not None
-        if is_old and not (newest and newest[0].lets_go_before >= before):
+            is_old = retention.next_file(session.connection(), "", folder_of_day(lets_go_before)) is not None
+        if is_old and not (newest and newest[0].lets_go_before >= lets_go_before):
             self.begin("service")
 
     def _stored(self, who: str, session: Session, job: JobRow) -> JsonObject:

@@ -235,8 +235,8 @@ class Surveys:
 
 def survey(database: Database, waveforms: WaveformStore, rule: Rule, at: datetime) -> Survey:
     """Count what is stored, and what the rule would let go now."""
-    sizes, before = dict(waveforms.sizes()), rule.lets_go_before(at)
-    old = [] if before is None else [path for path in sizes if path < folder_of_day(before)]
+    sizes, lets_go_before = dict(waveforms.sizes()), rule.lets_go_before(at)
+    old = [] if lets_go_before is None else [path for path in sizes if path < folder_of_day(lets_go_before)]
     windows, taken, unnamed = Counter[Why | None](), Counter[Why | None](), 0
     with database.connect() as connection, reading(connection):
         holds: dict[str, Holds] = {}
@@ -253,13 +253,13 @@ def survey(database: Database, waveforms: WaveformStore, rule: Rule, at: datetim
         begun = retention.begun_of_axes(connection)
     with database.read() as session:
         purges = retention.newest_purges(session, MOST_PURGES)
-    rest = Why.FOR_EVER if before is None else Why.YOUNG
+    rest = Why.FOR_EVER if lets_go_before is None else Why.YOUNG
     windows[rest] = n_stored - windows.total()
     taken[rest] = sum(sizes.values()) - unnamed - taken.total()
     return Survey(
-        at, rule, before, len(sizes), sum(sizes.values()),
+        at, rule, lets_go_before, len(sizes), sum(sizes.values()),
         {why: Share(windows[why], taken[why]) for why in Why if windows[why]},
-        Share(windows[None], taken[None]), unnamed, n_let_go, purges, list(_paces(sizes, begun, before, at)),
+        Share(windows[None], taken[None]), unnamed, n_let_go, purges, list(_paces(sizes, begun, lets_go_before, at)),
     )  # fmt: skip
 
 
@@ -276,10 +276,12 @@ def _bytes_of(windows: Sequence[StoredWindow], size: int) -> Iterator[tuple[Stor
         yield window, share
 
 
-def _paces(sizes: dict[str, int], begun: dict[str, datetime], before: datetime | None, at: datetime) -> Iterator[Pace]:
+def _paces(
+    sizes: dict[str, int], begun: dict[str, datetime], lets_go_before: datetime | None, at: datetime
+) -> Iterator[Pace]:
     """Yield the pace of each axis, over days of which nothing was let go yet."""
     today = at.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
-    since = max(today - timedelta(days=PACE_DAYS), before or datetime.min.replace(tzinfo=UTC))
+    since = max(today - timedelta(days=PACE_DAYS), lets_go_before or datetime.min.replace(tzinfo=UTC))
     taken = Counter[str]()
     for path, size in sizes.items():
         if path >= folder_of_day(since):

@@ -58,13 +58,13 @@ def alarms_page(page: PageOf, query: Annotated[AlarmsPageQuery, Query()], on: Se
     """List the alarms that stand, then those that were cleared lately."""
     standing = on.alarms.standing()
     names = on.trend.names()
-    first = (query.page - 1) * _ON_A_PAGE
+    begin = (query.page - 1) * _ON_A_PAGE
     closed = on.alarms.list(None, "cleared", query.before, _CLOSED)
     return page.show(
         "alarms.html",
         n_open=len(standing),
         n_active=sum(view.row.status == "active" and view.shelved_until is None for view in standing),
-        open=_lines(standing[first : first + _ON_A_PAGE], names),
+        open=_lines(standing[begin : begin + _ON_A_PAGE], names),
         closed=_lines(closed, names),
         query=query,
         n_pages=-(-len(standing) // _ON_A_PAGE),
@@ -102,11 +102,11 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
     view = on.alarms.get(alarm)
     status = on.trend.status(view.row.axis_id)
     evidence = read_evidence(view.row.evidence)
-    told = AlarmOut.model_validate(view)
+    alarm_shown = AlarmOut.model_validate(view)
     present = _present(view.row.axis_id, on)
     return page.show(
         "alarm.html",
-        alarm=told,
+        alarm=alarm_shown,
         evidence=evidence,
         axis=status.row,
         state=status.state,
@@ -120,8 +120,8 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
         seen=view.last_to("acknowledged"),
         stands=view.row.status in ("active", "acknowledged"),
         picture=_picture(view, evidence, page.words, on),
-        cause=_cause_code(told.explanation),
-        advice=_advice(on, _cause_code(told.explanation)),
+        cause=_cause_code(alarm_shown.explanation),
+        advice=_advice(on, _cause_code(alarm_shown.explanation)),
         newest_event=view.last_by_people,
         usual_shelf=now() + USUAL_SHELF,
     )

@@ -101,13 +101,16 @@ def _pictures(
     axis: str, words: Words, query: RangeQuery, on: Services, happened: tuple[list[AlarmView], CalibrationOverview]
 ) -> Pictures | None:
     """Return the pictures of an axis, and what happened to it; None if nothing was measured yet."""
-    first, last = (on.trend.page(axis, Span(), cursor=None, limit=1, newest_first=to).points for to in (False, True))
-    if not first:
+    earliest, latest = (
+        on.trend.page(axis, Span(), cursor=None, limit=1, newest_first=to).points for to in (False, True)
+    )
+    if not earliest:
         return None
-    shown = shown_range(f"/axes/{axis}", query, first[0].at, last[0].at)
+    shown = shown_range(f"/axes/{axis}", query, earliest[0].at, latest[0].at)
     points = on.trend.at_resolution(axis, Span(shown.start, shown.end), MOST_SHOWN - 1).points
-    if shown.start <= last[0].at < shown.end and last[0] not in points:  # the present is shown, whatever is thinned out
-        points = [*points, last[0]]
+    # the present is shown, whatever is thinned out
+    if shown.start <= latest[0].at < shown.end and latest[0] not in points:
+        points = [*points, latest[0]]
     history = on.history.of(axis)
     events = lane_of(words, *happened, history)
     worked = [event for event in events if event.kind == "work"]

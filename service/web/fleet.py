@@ -79,8 +79,8 @@ def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Resp
         (status for status in fleet.axes if _is_meant(status, query)),
         key=lambda status: (SEVERITY.index(status.state), _is_taken(alarms.get(status.row.id)), status.row.id),
     )
-    first = (query.page - 1) * _ON_A_PAGE
-    shown = statuses[first : first + _ON_A_PAGE]
+    begin = (query.page - 1) * _ON_A_PAGE
+    shown = statuses[begin : begin + _ON_A_PAGE]
     return page.show(
         template,
         axes=_lines(on, shown, alarms),

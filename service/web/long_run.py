@@ -104,14 +104,14 @@ def _waterfalls(words: Words, spectra: Sequence[Spectrum]) -> Charts:
 
 def _share(sister: Sister, own: str) -> ShareLine | None:
     """Return the line of an axis: what is left of the baseline that held then."""
-    known = [
+    shares = [
         (point.at, point.preload_n / point.baseline_preload_n)
         for point in sister.points
         if point.preload_n is not None and point.baseline_preload_n and point.set_preload_n is None
     ]
-    if len(known) < 2:
+    if len(shares) < 2:
         return None
-    return ShareLine(sister.name, [at for at, _ in known], [share for _, share in known], sister.id == own)
+    return ShareLine(sister.name, [at for at, _ in shares], [share for _, share in shares], sister.id == own)
 
 
 def _sisters(words: Words, lines: Sequence[ShareLine]) -> Charts:

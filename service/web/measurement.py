@@ -108,8 +108,8 @@ def _advice(on: Services, measured: StoredMeasurement) -> list[object]:
 
 def _rungs(ladder: PreloadLadder, shares: dict[str, float]) -> list[Rung]:
     def share(*names: str) -> float | None:
-        known = [shares[name] for name in names if name in shares]
-        return sum(known) if known else None
+        stated = [shares[name] for name in names if name in shares]
+        return sum(stated) if stated else None
 
     return [
         Rung(N_("frequency, and its scatter"), "1/f²", ladder.inverse_square, share("frequency", "reproducibility")),

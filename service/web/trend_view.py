@@ -133,14 +133,14 @@ def _mark(words: Words, axis_id: str, point: TrendPoint) -> Mark:
     lower, upper = interval_of(point) if point.preload_n is not None else (None, None)
     kind = "refused" if point.refusal_reason else "doubt" if point.doubts else point.state
     value, half = with_interval(words, point.preload_n, (lower, upper))
-    said = words(N_("refused")) if point.refusal_reason else f"{value} N{f' ± {half}' if half else ''}"
+    text = words(N_("refused")) if point.refusal_reason else f"{value} N{f' ± {half}' if half else ''}"
     return Mark(
         at=point.at,
         value=or_nan(point.preload_n),
         lower=or_nan(lower),
         upper=math.inf if upper is None and lower is not None else or_nan(upper),
         kind=kind,
-        words=f"{point.at:%Y-%m-%d %H:%M} UTC: {said}",
+        words=f"{point.at:%Y-%m-%d %H:%M} UTC: {text}",
         href=f"/axes/{axis_id}/measurements/{point.measurement_id}",
     )
 
@@ -150,8 +150,8 @@ def _through(history: AxisHistory) -> Line | None:
     if line is None:
         return None
     years = (line.ended_at - line.started_at) / timedelta(days=365.25)
-    first = line.preload_at_end_n - line.slope_n_per_year * years
-    return Line((line.started_at, first), (line.ended_at, line.preload_at_end_n))
+    at_start = line.preload_at_end_n - line.slope_n_per_year * years
+    return Line((line.started_at, at_start), (line.ended_at, line.preload_at_end_n))
 
 
 def or_nan(value: float | None) -> float:

@@ -181,7 +181,7 @@ def test_search_that_dies_fails_its_job_with_a_sentence(shared_api: Api) -> None
     (process,) = set(multiprocessing.active_children()) - others
     process.kill()
     failed = wait_for(shared_api, job_id, "failed", "done")
-    assert "the process of the search ended by itself, exit code -9" in failed["error"]
+    assert "the process of this work ended by itself, exit code -9" in failed["error"]
 
 
 @pytest.mark.release

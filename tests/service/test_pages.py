@@ -26,7 +26,8 @@ def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> N
         with open_session(BUNDLED_SESSIONS / "sudden-loss.session.h5") as session:
             for name in session.measurements:
                 client.post_measurement("x", session.windows_of(name))
-        page, fleet, stored = (httpx.get(url + path).text for path in ("/axes/x", "/", f"/axes/{CALIBRATION}"))
+        paths = ("/axes/x", "/", f"/axes/{CALIBRATION}")
+        page, fleet, stored = (httpx.get(url + path, timeout=60.0).text for path in paths)
     page, fleet, stored = (" ".join(text.split()) for text in (page, fleet, stored))
     assert re.search('<span class="state alarm" id="state">.*?</span> alarm</span>', page)
     page, stored = (re.sub(r"<[^>]+>", "", text) for text in (page, stored))

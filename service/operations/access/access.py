@@ -52,8 +52,8 @@ class LoginThrottle:
         with self._lock:
             for name in names:
                 tries = self._tries.pop(name, None)
-                known = 0 if tries is None or at_s - tries.last_s > _FORGOTTEN_AFTER_S else tries.n_wrong
-                self._tries[name] = _Tries(known + 1, at_s)
+                n_before = 0 if tries is None or at_s - tries.last_s > _FORGOTTEN_AFTER_S else tries.n_wrong
+                self._tries[name] = _Tries(n_before + 1, at_s)
             while len(self._tries) > _MOST_NAMES:
                 self._tries.popitem(last=False)
 
@@ -104,12 +104,12 @@ class Access:
 
         Raises UnauthenticatedError if nobody is known by it; TooManyTriesError if the address has guessed too often.
         """
-        known = self._fresh(cookie)
-        if not known.is_closed:
+        callers = self._fresh(cookie)
+        if not callers.is_closed:
             return ANYONE
         if key is not None:
-            return self._of_key(known, key, address)
-        if cookie is not None and (logged_in := known.sessions.get(fingerprint(cookie))) is not None:
+            return self._of_key(callers, key, address)
+        if cookie is not None and (logged_in := callers.sessions.get(fingerprint(cookie))) is not None:
             caller, expires_at = logged_in
             if expires_at > now():
                 return caller
@@ -180,9 +180,9 @@ class Access:
         """Drop the cached keys and sessions, so that the next request reads them anew."""
         self._known = None
 
-    def _of_key(self, known: _Known, key: str, address: str) -> Caller:
+    def _of_key(self, callers: _Known, key: str, address: str) -> Caller:
         at_s, tried = time.monotonic(), f"key from {address}"
-        stored = known.keys.get(fingerprint(key))
+        stored = callers.keys.get(fingerprint(key))
         if stored is None or (stored[2] is not None and stored[2] <= now()):
             self._require_no_wait(tried, at_s=at_s)
             self.throttle.wrong(tried, at_s=at_s)
@@ -199,18 +199,18 @@ class Access:
             raise TooManyTriesError(f"too many wrong tries; try again in {wait_s:.0f} s or later", wait_s)
 
     def _fresh(self, cookie: str | None) -> _Known:
-        known = self._known
-        if known is not None and self._holds(known, cookie):
-            return known
+        callers = self._known
+        if callers is not None and self._holds(callers, cookie):
+            return callers
         with self._lock:
             self._note_use()
-            self._known = known = self._read()
-        return known
+            self._known = callers = self._read()
+        return callers
 
     @staticmethod
-    def _holds(known: _Known, cookie: str | None) -> bool:
-        heard_of = cookie is None or not known.is_closed or fingerprint(cookie) in known.sessions
-        return time.monotonic() - known.at_s < (FRESH_S if heard_of else _ASKED_AGAIN_S)
+    def _holds(callers: _Known, cookie: str | None) -> bool:
+        heard_of = cookie is None or not callers.is_closed or fingerprint(cookie) in callers.sessions
+        return time.monotonic() - callers.at_s < (FRESH_S if heard_of else _ASKED_AGAIN_S)
 
     def _read(self) -> _Known:
         at_s, at = time.monotonic(), now()

@@ -86,8 +86,8 @@ def calibration_plan(database: Database, axis_id: str, asked: PlanIn) -> AxisPla
     source: Source = "measured"
     expected = _from_measured(usable)
     if expected is None and in_force is not None:
-        known = calibration_from_document(in_force)
-        source, expected = "calibration", ExpectedReadings(known.coefficients, known.residual_sd)
+        calibration = calibration_from_document(in_force)
+        source, expected = "calibration", ExpectedReadings(calibration.coefficients, calibration.residual_sd)
     if expected is None:
         source, expected = "model", _from_model(configuration, places, preloads)
     grid = [PlannedSetting(metres(place), preload) for preload in preloads for place in places]

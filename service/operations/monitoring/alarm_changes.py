@@ -34,9 +34,9 @@ def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, beca
     n_new = 0
     with Session(connection) as session:
         after = folded.again_after
-        before = alarms.raised_after(session, axis.id, folded.since_epoch, after) if folded.again else []
+        earlier = alarms.raised_after(session, axis.id, folded.since_epoch, after) if folded.again else []
         stood, raised = defaultdict(list), defaultdict(list)
-        for row in before:
+        for row in earlier:
             stood[_epoch_at(folded, row.measured_at)].append(row)
         for alarm in folded.raised:
             raised[alarm.point.epoch].append(alarm)
@@ -82,8 +82,8 @@ def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised) -> Non
 def store_explanation(session: Session, row: AlarmRow, explanation: JsonObject) -> None:
     """Keep the latest answer with the alarm, and each answer of another sentence in its history."""
     cause = read_cause(explanation)
-    before, row.explanation = read_cause(row.explanation), explanation
-    if cause.sentence != before.sentence:
+    earlier, row.explanation = read_cause(row.explanation), explanation
+    if cause.sentence != earlier.sentence:
         answer = f"explained: {cause.sentence}" if cause.examined else cause.sentence
         change_alarm(session, row, row.status, answer[:LONGEST_REASON])
 

@@ -26,10 +26,10 @@ class Changes:
 
     def mark(self) -> str:
         """Return the mark of what is stored now."""
-        revision, known = self._database.revision(), self._known
-        if known is None or known.revision != revision:
-            known = self._known = _Known(revision, self._turns())
-        return f"{self._start}-{revision}-{bisect_right(known.turns, now())}".replace(":", ".").replace(",", ".")
+        revision, turns_at = self._database.revision(), self._known
+        if turns_at is None or turns_at.revision != revision:
+            turns_at = self._known = _Known(revision, self._turns())
+        return f"{self._start}-{revision}-{bisect_right(turns_at.turns, now())}".replace(":", ".").replace(",", ".")
 
     def _turns(self) -> list[datetime]:
         with self._database.read() as session:

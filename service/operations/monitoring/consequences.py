@@ -107,12 +107,12 @@ class _Look:
             yield self._of_commissioned()
 
     def _of_limit(self) -> Consequence:
-        before, after = load_design(self.row.detector_design), detector_design(detector_settings(self.wanted))
+        stored, after = load_design(self.row.detector_design), detector_design(detector_settings(self.wanted))
         calibration = calibrations.active_calibration(self.session, self.row)
         detector = load_state(self.row.monitor_state).detector
         old, new = (
             Limit(design.settings.false_alarms_per_year, _delay_days(design, detector, calibration))
-            for design in (before, after)
+            for design in (stored, after)
         )
         return of_limit(old, new, LOSS_N)
 

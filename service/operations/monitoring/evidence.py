@@ -134,11 +134,11 @@ class MeasurementEvidence:
         """Return the numbers of the measurements before and after it, in order of time."""
         with self._database.read() as session:
             number, at = axes.get_axis(session, self.axis_id).number, self.view.row.started_at
-            before = point_before(session.connection(), number, at)
+            previous = point_before(session.connection(), number, at)
             following = page_of_points(
                 session.connection(), number, Span(at), after=(at, self.view.row.id), limit=1, newest_first=False
             )
-        return None if before is None else before.measurement_id, following[0].measurement_id if following else None
+        return None if previous is None else previous.measurement_id, following[0].measurement_id if following else None
 
     @cached_property
     def windows(self) -> list[Window]:
@@ -158,8 +158,8 @@ class MeasurementEvidence:
                 return []
             rows = measurements.newest_monitored(session, self.axis_id, baseline.started_at, baseline.ended_at, 100)
         own = self.view.row
-        there = [row.id for row in rows if abs(row.position_mm - own.position_mm) <= _SAME_PLACE_MM]
-        read = (self._windows_of(number) for number in there[-_MOST_AVERAGED:] if number != own.id)
+        same_place = [row.id for row in rows if abs(row.position_mm - own.position_mm) <= _SAME_PLACE_MM]
+        read = (self._windows_of(number) for number in same_place[-_MOST_AVERAGED:] if number != own.id)
         responses = (averaged_response(windows, lines) for windows in read if windows)
         return [response for response in responses if isinstance(response, FrequencyResponse)]
 

@@ -53,17 +53,17 @@ def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[
     end = None if span.end is None else begin_of(span.end, unit)
     if begin is not None and end is not None and begin >= end:
         return _held(connection, axis_number, span, smaller)
-    before = [] if begin is None else _held(connection, axis_number, Span(span.start, begin), smaller)
-    after = [] if end is None else _held(connection, axis_number, Span(end, span.end), smaller)
-    return before + extremes_held(connection, axis_number, unit, Span(begin, end)) + after
+    head = [] if begin is None else _held(connection, axis_number, Span(span.start, begin), smaller)
+    tail = [] if end is None else _held(connection, axis_number, Span(end, span.end), smaller)
+    return head + extremes_held(connection, axis_number, unit, Span(begin, end)) + tail
 
 
 def _extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
     """Return when the extremes of each of so many stretches were measured, alike in how much they hold [µs]."""
     edges = [i * len(held) // n_stretches for i in range(n_stretches + 1)]
     moments = set[int]()
-    for first, end in pairwise(edges):
-        stretch = held[first:end]
+    for begin, end in pairwise(edges):
+        stretch = held[begin:end]
         valued = [part for part in stretch if part.lowest_at is not None]
         if valued:
             extremes_at = min(valued, key=_LOWEST).lowest_at, max(valued, key=_HIGHEST).highest_at

@@ -71,13 +71,13 @@ class History:
         state, design = load_state(row.monitor_state).detector, load_design(row.detector_design)
         newest = sessions[-1].started_at if sessions else None
         key = (row.active_calibration_id, row.epoch, newest, len(sessions), row.detector_design)
-        known = self._said.get(axis_id)
-        if known is None or known[0] != key:
+        remembered = self._said.get(axis_id)
+        if remembered is None or remembered[0] != key:
             if len(self._said) >= _MOST_REMEMBERED:
                 self._said.clear()
-            known = key, _long_run(sessions, calibration, design, state.prior, row.epoch)
-            self._said[axis_id] = known
-        line, false_alarms = known[1]
+            remembered = key, _long_run(sessions, calibration, design, state.prior, row.epoch)
+            self._said[axis_id] = remembered
+        line, false_alarms = remembered[1]
         alert = alert_view(state, calibration, design.settings.baseline_size)
         return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert, events, stale)
 

@@ -146,7 +146,7 @@ def _alike(points: Sequence[TrendPoint]) -> list[TrendPoint]:
         return []
     usual = float(np.median([point.position_mm for point in points]))
     edges = np.linspace(0, len(points), min(MOST_SPECTRA, len(points)) + 1).astype(int)
-    stretches = [points[first:end] for first, end in itertools.pairwise(edges)]
+    stretches = [points[begin:end] for begin, end in itertools.pairwise(edges)]
     return [min(stretch, key=lambda point: abs(point.position_mm - usual)) for stretch in stretches]
 
 

@@ -166,8 +166,8 @@ def judged_anew(
 def refusals_of(staged: StagedRecord) -> dict[datetime, tuple[str | None, Rejection | None]]:
     """Return the windows that are refused otherwise now, by their start: for which reason before, and why now."""
     return {
-        start: (before, None if now is None else Rejection(RejectionReason(now), detail or ""))
-        for start, (before, now, detail) in _REFUSALS.validate_python(staged.refusals or {}).items()
+        start: (reason_before, None if now is None else Rejection(RejectionReason(now), detail or ""))
+        for start, (reason_before, now, detail) in _REFUSALS.validate_python(staged.refusals or {}).items()
     }
 
 

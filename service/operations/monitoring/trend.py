@@ -214,13 +214,13 @@ class Trend:
             row, connection = axes.get_axis(session, axis_id), session.connection()
             if row.epoch_from is None:
                 return None
-            first, latest = (
+            earliest, latest = (
                 preloads(connection, row.number, row.epoch, row.epoch_from, most, newest=newest)
                 for most, newest in ((2 * PAPER_READINGS, False), (PAPER_READINGS, True))
             )
-        baseline = first[:PAPER_READINGS]
-        latest = latest[-max(len(first) - len(baseline), 0) :] if len(first) < 2 * PAPER_READINGS else latest
-        if len(first) - len(baseline) < 2:
+        baseline = earliest[:PAPER_READINGS]
+        latest = latest[-max(len(earliest) - len(baseline), 0) :] if len(earliest) < 2 * PAPER_READINGS else latest
+        if len(earliest) - len(baseline) < 2:
             return None
         rule = paper_rule(baseline, latest)
         return PaperRule(
@@ -307,10 +307,10 @@ class Trend:
             load_design(limits)
             read = self._read[row.id] = documents, load_configuration(configuration)
         if row.archived_at is None:
-            told, since = state_now(row, now(), read[1].silent_after_hours)
+            state_shown, since = state_now(row, now(), read[1].silent_after_hours)
         else:  # nobody waits for it
-            told, since = row.state, row.state_since
-        return AxisStatus(row, read[1], told, since, last_measurement, open_alarms, stale)
+            state_shown, since = row.state, row.state_since
+        return AxisStatus(row, read[1], state_shown, since, last_measurement, open_alarms, stale)
 
 
 def _is_meant(point: TrendPoint, only: Only | None) -> bool:

@@ -104,24 +104,24 @@ class StatePublisher:
         """Publish changes until the connection is lost or the service stops."""
         connection.publish(self._presence(ONLINE))
         connection.listen(self._broker.status_topic, self._hear)
-        known, due = dict[str, int](), dict[str, datetime]()
+        published, due = dict[str, int](), dict[str, datetime]()
         while not connection.is_lost and not self._stopping.is_set():
             if self._contradicted.is_set():  # another service of this name has gone, this one has not
                 self._contradicted.clear()
                 connection.publish(self._presence(ONLINE))
             at, revisions = now(), self._trend.revisions()
-            changed = [axis for axis, revision in revisions.items() if known.get(axis) != revision]
+            changed = [axis for axis, revision in revisions.items() if published.get(axis) != revision]
             silent = [axis for axis, until in due.items() if until <= at]
-            gone = known.keys() - revisions.keys()
+            gone = published.keys() - revisions.keys()
             self._tell(connection, [*dict.fromkeys((*changed, *silent, *gone))], due)
-            known = revisions
+            published = revisions
             self._stopping.wait(POLL_S)
         if self._stopping.is_set():
             connection.publish(self._presence(OFFLINE))
 
     def _tell(self, connection: Connection, axes: list[str], due: dict[str, datetime]) -> None:
-        for first in range(0, len(axes), _MOST_TOGETHER):
-            connection.publish(*(self._state(axis, due) for axis in axes[first : first + _MOST_TOGETHER]))
+        for begin in range(0, len(axes), _MOST_TOGETHER):
+            connection.publish(*(self._state(axis, due) for axis in axes[begin : begin + _MOST_TOGETHER]))
 
     def _state(self, axis: str, due: dict[str, datetime]) -> Message:
         """Return the message of an axis; an empty one, which the broker forgets it by, where it is gone."""

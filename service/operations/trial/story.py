@@ -80,8 +80,8 @@ def story(ends_at: datetime) -> tuple[Chapter, ...]:
     """Return the year that ends at a moment."""
     rng = np.random.default_rng(2018)
     year = tuple(_year(ends_at, rng))
-    *before, last = _calibration(year[0].at - timedelta(days=1))
-    chapters = [*map(Chapter, before), Chapter(last, Action.CALIBRATE)]
+    *earlier, last = _calibration(year[0].at - timedelta(days=1))
+    chapters = [*map(Chapter, earlier), Chapter(last, Action.CALIBRATE)]
     actions = {_SEEN_DAY: Action.SEE_ALARM, _LOOSE_DAYS[1] - 2: Action.REPAIR, _LUBRICATED_DAY: Action.LUBRICATE}
     began: list[Reading] = []
     for number, reading in enumerate(year):
@@ -100,7 +100,7 @@ def sister_story(ends_at: datetime) -> tuple[Chapter, ...]:
         replace(reading, preload=COMMISSIONED - 2.0 + float(rng.normal(0.0, 1.5)), payload=0.0, sensor_is_dead=False)
         for reading in _year(ends_at, rng)
     ][::4]
-    return tuple(Chapter(tuple(readings[first : first + _TOGETHER])) for first in range(0, len(readings), _TOGETHER))
+    return tuple(Chapter(tuple(readings[begin : begin + _TOGETHER])) for begin in range(0, len(readings), _TOGETHER))
 
 
 def _calibration(from_: datetime) -> list[tuple[Reading, ...]]:

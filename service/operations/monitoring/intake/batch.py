@@ -97,13 +97,13 @@ class KnownAxes:
 
     def configuration_of(self, axis: AxisRecord) -> AxisConfiguration:
         """Return the configuration of an axis; raises DocumentDamagedError if it cannot be read."""
-        known = self._configurations.get(axis.id)
-        if known is None or known[0] != axis.configuration:
-            known = axis.configuration, load_configuration(axis.configuration)
+        remembered = self._configurations.get(axis.id)
+        if remembered is None or remembered[0] != axis.configuration:
+            remembered = axis.configuration, load_configuration(axis.configuration)
             if len(self._configurations) >= MOST_KNOWN:
                 self._configurations.clear()
-            self._configurations[axis.id] = known
-        return known[1]
+            self._configurations[axis.id] = remembered
+        return remembered[1]
 
 
 class Batch:
@@ -174,7 +174,7 @@ class Batch:
 
     def receipt(self, post: Post, settled: Settled | None) -> IngestReceipt:
         """Return the answer to one of the requests; a window that stands in two is already there in the second."""
-        said = self._said_before | ({} if settled is None else settled.measurements)
+        documents = self._said_before | ({} if settled is None else settled.measurements)
         admitted = {item.window.started_at: item for item in self._admission.admitted}
         receipts = []
         for window in post.windows:
@@ -187,7 +187,7 @@ class Batch:
                 if item.refusal is not None:
                     status, why = WindowStatus.REFUSED, (str(item.refusal.reason), item.refusal.detail)
             receipts.append(WindowReceipt(start, window.measurement, status, *why))
-        named = [measured for name, measured in said.items() if name in post.names]
+        named = [measured for name, measured in documents.items() if name in post.names]
         return IngestReceipt(tuple(receipts), tuple(sorted(named, key=lambda measured: str(measured.started_at))))
 
     def _add(self, post: Post) -> None:
@@ -195,10 +195,12 @@ class Batch:
         new: dict[datetime, Window] = {}
         for window in post.windows:
             start = window.started_at
-            there = new.get(start) or self._new.get(start)
-            if there is None and start not in self._contents:
+            same_start = new.get(start) or self._new.get(start)
+            if same_start is None and start not in self._contents:
                 new[start] = window
-            elif content_sha256(window) != (self._contents[start] if there is None else content_sha256(there)):
+            elif content_sha256(window) != (
+                self._contents[start] if same_start is None else content_sha256(same_start)
+            ):
                 post.answer.set_exception(
                     ConflictError(
                         f"axis '{self.axis.id}' has another window that started at {text_of(start)}; "
@@ -271,10 +273,12 @@ class Batch:
     def _outcomes(self, connection: Connection, rows: Iterable[MeasurementRecord]) -> dict[str, StoredMeasurement]:
         """Return what was said about measurements that were judged before, by name."""
         judged = {row.id: row for row in rows if row.status != OPEN and row.id is not None}
-        said = intake.outcomes_of(connection, list(judged)) if judged else {}
-        points = {number: point_of(connection, self.axis.number, judged[number].started_at, number) for number in said}
+        outcomes = intake.outcomes_of(connection, list(judged)) if judged else {}
+        points = {
+            number: point_of(connection, self.axis.number, judged[number].started_at, number) for number in outcomes
+        }
         return {
-            judged[number].name: StoredMeasurement.of(document, points[number]) for number, document in said.items()
+            judged[number].name: StoredMeasurement.of(document, points[number]) for number, document in outcomes.items()
         }
 
     def _window_records(self, places: Sequence[WaveformPlace]) -> list[WindowRecord]:

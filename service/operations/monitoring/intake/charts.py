@@ -216,16 +216,16 @@ class _Fold:
 
     def over(self, put: Sequence[TrendPoint]) -> Folded:
         """Carry the charts over new points, and over those to be folded again; store what became of them."""
-        known = {point.measurement_id: point for point in self._old}
+        folded_before = {point.measurement_id: point for point in self._old}
         self._places = _said_of(self._state)
         going_on = dict(self._places)
         stepped = [self._step(point) for point in sorted([*self._old, *put], key=_in_time)]
         for epoch in self._ahead:
             self.enter(epoch)
         points = self._with_places(stepped, going_on)
-        replace_points(self._connection, [p for p in points if known.get(p.measurement_id, p) != p])
+        replace_points(self._connection, [p for p in points if folded_before.get(p.measurement_id, p) != p])
         for point in points:
-            if point.measurement_id not in known:
+            if point.measurement_id not in folded_before:
                 add_point(self._connection, point)
         add_sessions(self._connection, self._sessions)
         added = {point.measurement_id for point in put}
