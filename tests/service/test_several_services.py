@@ -24,7 +24,6 @@ from service.operations.monitoring.alarms import bring_back_ended
 from service.operations.monitoring.intake.batch import Batch
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import Dispatcher
-from service.operations.notices.senders import Notice
 from service.store import database as database_module, intake, notices
 from service.store.axes import new_axis
 from service.store.database import Database, writing
@@ -307,9 +306,9 @@ class _Receiver:
     def __init__(self) -> None:
         self.told: list[int] = []
 
-    def send(self, notice: Notice) -> None:
+    def send(self, notice: NoticeRow) -> None:
         time.sleep(0.01)
-        self.told.append(notice.number)
+        self.told.append(notice.id)
 
 
 def test_a_notice_is_told_by_one_service(databases: list[Database], monkeypatch: pytest.MonkeyPatch) -> None:
