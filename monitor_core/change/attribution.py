@@ -212,8 +212,8 @@ def _tried_changes(
     scale = evidence_scale(min((trial.fitted for trial in trials), key=lambda fitted: fitted.cost))
     sizes = [None if trial.change is None else _size(trial, trial.change, axis, scale) for trial in trials]
     of_unknown = -0.5 * scale.factor * scale.n_values * remainder**2
-    known = [_log_evidence(trial, size, scale) for trial, size in zip(trials, sizes, strict=True)]
-    evidence = np.array([*known, of_unknown])
+    of_changes = [_log_evidence(trial, size, scale) for trial, size in zip(trials, sizes, strict=True)]
+    evidence = np.array([*of_changes, of_unknown])
     warming_reported = is_reported(axis.reported_warming)
     evidence += _log_prior([*(trial.cause for trial in trials), Cause.UNKNOWN], warming_reported=warming_reported)
     probability = np.exp(evidence - np.max(evidence))
@@ -244,13 +244,13 @@ def _fitted(comparison: ReferenceRatio, axis: ReferenceAxis, change: Change) -> 
     sizes = (change.usual + change.spread * np.array(_SIZES)) / change.effect.parameters[0].scale
     deviation, best, start = comparison.layout.standard_deviation, math.inf, None
     for size in np.clip(sizes, lower[-1], upper[-1]).tolist():
-        at = np.r_[hypothesis.null[:-1], size]
+        coordinates = np.r_[hypothesis.null[:-1], size]
         try:
-            cost = float(np.sum((comparison.misfit(hypothesis.physics(at)) / deviation) ** 2))
+            cost = float(np.sum((comparison.misfit(hypothesis.physics(coordinates)) / deviation) ** 2))
         except OutsideValidityError:
             continue
         if cost < best:
-            best, start = cost, at
+            best, start = cost, coordinates
     if start is None:
         return None
     try:
@@ -270,8 +270,8 @@ def _size(trial: _Trial, change: Change, axis: ReferenceAxis, scale: EvidenceSca
     """
     fitted, parameter = trial.fitted, change.effect.parameters[0]
     with_directions = Hypothesis(_axis_for(axis, change), (change.effect,))
-    at = np.r_[with_directions.null[:-1], fitted.coordinates[-1]]
-    jacobian = replace(fitted, hypothesis=with_directions, coordinates=at).jacobian[fitted.fitted]
+    coordinates = np.r_[with_directions.null[:-1], fitted.coordinates[-1]]
+    jacobian = replace(fitted, hypothesis=with_directions, coordinates=coordinates).jacobian[fitted.fitted]
     of_size, of_axis = jacobian[:, -1], jacobian[:, :-1]
     information = float(of_size @ of_size)
     moved = of_size @ of_axis / information

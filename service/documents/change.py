@@ -50,20 +50,23 @@ def refused_document(refusal: Exception, recent: Sequence[MeasurementRow]) -> Js
 
 
 def examined_document(
-    found: "ChangeAttribution", at: datetime, reference: Sequence[MeasurementRow], recent: Sequence[MeasurementRow]
+    attribution: "ChangeAttribution",
+    at: datetime,
+    reference: Sequence[MeasurementRow],
+    recent: Sequence[MeasurementRow],
 ) -> JsonObject:
     """Return what an alarm says of its cause, with all that was tried and what it rests on."""
     return finite_or_null({
         "examined": True,
         "at": text_of(at),
-        "outcome": str(found.outcome),
-        "cause": str(found.cause),
-        "confidence": found.confidence,
-        "sentence": attribution_sentence(found),
-        "equivalent_to": [str(cause) for cause in found.equivalent_to],
-        "gap_before": float(found.gap_before),
-        "gap_after": float(found.gap_after),
-        "changes": [_change(change) for change in found.changes],
+        "outcome": str(attribution.outcome),
+        "cause": str(attribution.cause),
+        "confidence": attribution.confidence,
+        "sentence": attribution_sentence(attribution),
+        "equivalent_to": [str(cause) for cause in attribution.equivalent_to],
+        "gap_before": float(attribution.gap_before),
+        "gap_after": float(attribution.gap_after),
+        "changes": [_change(change) for change in attribution.changes],
         "reference": _measured(reference),
         "recent": _measured(recent),
     })  # fmt: skip
@@ -133,26 +136,28 @@ _CHANGES = {
 _RATIOS = frozenset({"bearing-change", "far-bearing-change"})
 
 
-def attribution_sentence(found: "ChangeAttribution") -> str:
+def attribution_sentence(attribution: "ChangeAttribution") -> str:
     """Return which change explains that an axis moved, how surely, and what else would."""
-    likeliest = found.changes[0]
-    if found.is_unknown:
+    likeliest = attribution.changes[0]
+    if attribution.is_unknown:
         return (
-            f"no single change explains it, {_percent(found.confidence)} confidence; the best, "
+            f"no single change explains it, {_percent(attribution.confidence)} confidence; the best, "
             f"{change_sentence(likeliest)}, leaves {likeliest.gap:.1f} times the noise"
         )
     if likeliest.size is None:
-        return f"nothing has changed beyond the noise, {_percent(found.confidence)} confidence"
-    parts = [f"{change_sentence(likeliest)} (95 %), {_percent(found.confidence)} confidence"]
-    if found.look_alikes:
-        parts.append("nearly alike: " + ", or ".join(map(change_sentence, found.look_alikes)))
-    mentioned = {found.cause, *(change.cause for change in found.look_alikes)}
-    rest = [each for each in found.changes if each.plausible and each.size is not None and each.cause not in mentioned]
+        return f"nothing has changed beyond the noise, {_percent(attribution.confidence)} confidence"
+    parts = [f"{change_sentence(likeliest)} (95 %), {_percent(attribution.confidence)} confidence"]
+    if attribution.look_alikes:
+        parts.append("nearly alike: " + ", or ".join(map(change_sentence, attribution.look_alikes)))
+    mentioned = {attribution.cause, *(change.cause for change in attribution.look_alikes)}
+    rest = [
+        each for each in attribution.changes if each.plausible and each.size is not None and each.cause not in mentioned
+    ]
     if rest:
         causes = ", ".join(dict.fromkeys(str(change.cause) for change in rest))
         parts.append(f"{causes}: worse by ΔBIC ≥ {min(likeliest.delta_bic - change.delta_bic for change in rest):.0f}")
-    if found.may_be_unknown:
-        parts.append(f"none of these: {_percent(found.probability_of_unknown)}")
+    if attribution.may_be_unknown:
+        parts.append(f"none of these: {_percent(attribution.probability_of_unknown)}")
     return "; ".join(parts)
 
 

@@ -82,7 +82,7 @@ def _effect(effect: FoundEffect) -> JsonObject:
         "key": effect.key,
         "name": effect.name,
         "physics": effect.physics,
-        "parameters": {name: _parameter(found) for name, found in effect.parameters.items()},
+        "parameters": {name: _parameter(parameter) for name, parameter in effect.parameters.items()},
         "equivalent_to": list(effect.equivalent_to),
         "plausible": bool(effect.plausible),
         "evidence": {
@@ -93,15 +93,15 @@ def _effect(effect: FoundEffect) -> JsonObject:
     }
 
 
-def _described(found: Described) -> JsonObject:
+def _described(described: Described) -> JsonObject:
     """Return what was described; ``varies_with`` and ``form`` say what the parameter is multiplied by.
 
     Without a law it is an impedance, with its own ``parameters``, or has no form: ``factors`` are of each setting.
     """
-    parameters, law = {name: _parameter(value) for name, value in found.parameters.items()}, found.law
+    parameters, law = {name: _parameter(value) for name, value in described.parameters.items()}, described.law
     return {
-        "place": "screw" if found.place == Place.SCREW_END else found.place,
-        "parameter": found.parameter,
+        "place": "screw" if described.place == Place.SCREW_END else described.place,
+        "parameter": described.parameter,
         "varies_with": "none" if law is None else str(law.variable),
         "law": None if law is None else {
             "form": str(law.form),
@@ -110,28 +110,28 @@ def _described(found: Described) -> JsonObject:
             "scale": float(law.scale),
         },
         "parameters": parameters if law is None else {},
-        "factors": {name: float(factor) for name, factor in found.factors.items()},
-        "frequency_hz": found.frequency_hz,
-        "mass_kg": found.mass_kg,
-        "inertia_kg_m2": found.inertia_kg_m2,
-        "not_distinguished_from": [alternative_sentence(other, KEYS) for other in found.alternatives],
-        "share_of_free_variation": float(found.share),
-        "effects": [effect.key for effect in found.effects],
+        "factors": {name: float(factor) for name, factor in described.factors.items()},
+        "frequency_hz": described.frequency_hz,
+        "mass_kg": described.mass_kg,
+        "inertia_kg_m2": described.inertia_kg_m2,
+        "not_distinguished_from": [alternative_sentence(other, KEYS) for other in described.alternatives],
+        "share_of_free_variation": float(described.share),
+        "effects": [effect.key for effect in described.effects],
         "evidence": {
-            "delta_bic": float(found.delta_bic),
-            "held_out_log_likelihood_gain": float(found.held_out_log_likelihood_gain),
+            "delta_bic": float(described.delta_bic),
+            "held_out_log_likelihood_gain": float(described.held_out_log_likelihood_gain),
         },
     }  # fmt: skip
 
 
-def _parameter(found: FoundParameter) -> JsonObject:
+def _parameter(parameter: FoundParameter) -> JsonObject:
     return {
-        "value": float(found.estimate.value),
-        "standard_uncertainty": float(found.estimate.standard_uncertainty),
-        "unit": found.unit,
-        "interval_95": [float(end) for end in found.interval_95],
-        "plausible": bool(found.plausible),
-        "at_end": bool(found.at_end),
+        "value": float(parameter.estimate.value),
+        "standard_uncertainty": float(parameter.estimate.standard_uncertainty),
+        "unit": parameter.unit,
+        "interval_95": [float(end) for end in parameter.interval_95],
+        "plausible": bool(parameter.plausible),
+        "at_end": bool(parameter.at_end),
     }
 
 

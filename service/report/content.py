@@ -158,28 +158,28 @@ def _effect_content(effect: FoundEffect, *, held_out: bool) -> EffectContent:
         name_of(effect.key) if effect.key.startswith(PREFIX) else effect.name,
         tuple(name_of(key) for key in effect.equivalent_to),
         tuple(remarks(effect, NAMES)),
-        tuple(_parameter_row(effect.key, name, found) for name, found in effect.parameters.items()),
+        tuple(_parameter_row(effect.key, name, parameter) for name, parameter in effect.parameters.items()),
         Cell(evidence(effect.delta_bic), effect.delta_bic),
         Cell(evidence(gain), gain) if held_out else None,
     )
 
 
-def _parameter_row(key: str, name: str, found: FoundParameter) -> Row:
-    value, uncertainty, unit = found.estimate.value, found.estimate.standard_uncertainty, unit_shown(found.unit)
-    plausible = Cell("yes" if found.plausible else "NO")
+def _parameter_row(key: str, name: str, size: FoundParameter) -> Row:
+    value, uncertainty, unit = size.estimate.value, size.estimate.standard_uncertainty, unit_shown(size.unit)
+    plausible = Cell("yes" if size.plausible else "NO")
     if key.startswith(PREFIX):  # known by the logarithm of the ratio to what is stated
         parameter = key.removeprefix(PREFIX)
-        said = Cell(ratio_with_uncertainty(value, uncertainty), value)
+        shown = Cell(ratio_with_uncertainty(value, uncertainty), value)
         return (
             Cell(parameter_words(parameter), key=parameter),
-            said,
-            Cell(ratio_interval(*found.interval_95)),
+            shown,
+            Cell(ratio_interval(*size.interval_95)),
             plausible,
         )
     return (
         Cell(parameter_words(name), key=name),
         Cell(with_uncertainty(value, uncertainty) + unit, value),
-        Cell(between(*found.interval_95, notation(value, uncertainty)) + unit),
+        Cell(between(*size.interval_95, notation(value, uncertainty)) + unit),
         plausible,
     )
 

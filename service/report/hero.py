@@ -61,12 +61,12 @@ def miss(panel: Panel) -> float:
 
     Of a logarithmic panel it is that of ln(model/measured).
     """
-    first = next(iter(panel.models.values()), panel.measured)
+    model = next(iter(panel.models.values()), panel.measured)
     with np.errstate(divide="ignore", invalid="ignore"):
-        apart = np.log(first / panel.measured) if panel.logarithmic else (first - panel.measured)
+        apart = np.log(model / panel.measured) if panel.logarithmic else (model - panel.measured)
     size = 1.0 if panel.logarithmic else math.sqrt(float(np.nanmean(panel.measured**2))) or 1.0
-    known = apart[np.isfinite(apart)] / size
-    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
+    relative = apart[np.isfinite(apart)] / size
+    return float(np.sqrt(np.mean(relative**2))) if relative.size else 0.0
 
 
 def zoomed(panel: Panel) -> Panel:
@@ -84,12 +84,12 @@ def zoomed(panel: Panel) -> Panel:
     return replace(panel, x=panel.x[shown], measured=panel.measured[shown], models=models)
 
 
-def hero_chart(name: str, panel: Panel, frame: Frame, said: Mapping[str, str]) -> Markup:
+def hero_chart(name: str, panel: Panel, frame: Frame, names: Mapping[str, str]) -> Markup:
     """Draw a panel over its residuals; ``name`` is unique on the page.
 
     ``said`` is what the models to be drawn are called in the picture, by their names in the panel.
     """
-    models = {model: y for model, y in panel.models.items() if model in said}
+    models = {model: y for model, y in panel.models.items() if model in names}
     x_axis = _x_axis(panel, frame)
     end = frame.height - frame.bottom
     split = frame.top + _SHARE_OF_PICTURE * (end - frame.top)
@@ -102,7 +102,7 @@ def hero_chart(name: str, panel: Panel, frame: Frame, said: Mapping[str, str]) -
     )
     return picture(
         frame.width, frame.height, name, panel.title, description,
-        _legend(said, frame, points=panel.x.size <= FEW),
+        _legend(names, frame, points=panel.x.size <= FEW),
         _grid(x_axis, y_axis, frame, upper), _grid(x_axis, r_axis, frame, lower, with_x=True),
         _clipped(measured_curve(panel, x_axis, y_axis), upper, frame),
         *(_clipped(curve(panel.x, y, x_axis, y_axis, style_of(model)), upper, frame) for model, y in models.items()),
@@ -122,8 +122,8 @@ def _left(panel: Panel, model: FloatArray) -> FloatArray:
 
 
 def _x_axis(panel: Panel, frame: Frame) -> Axis:
-    known = panel.x[np.isfinite(panel.x)]
-    spread = known.size and np.min(known) > 0.0 and np.max(known) > _LOGARITHMIC_FROM * np.min(known)
+    finite = panel.x[np.isfinite(panel.x)]
+    spread = finite.size and np.min(finite) > 0.0 and np.max(finite) > _LOGARITHMIC_FROM * np.min(finite)
     return axis_over(panel.x, frame.left, frame.end, logarithmic=bool(spread and panel.logarithmic))
 
 
@@ -131,8 +131,8 @@ def _axis_of_rest(panel: Panel, rest: Mapping[str, FloatArray], between: tuple[f
     null = 1.0 if panel.logarithmic else 0.0
     values = np.concatenate([np.array([null]), *rest.values()])
     if panel.logarithmic:  # as much up as down, a hundredfold at the most
-        known = np.abs(np.log(values[np.isfinite(values) & (values > 0.0)]))
-        reach = math.exp(min(float(np.max(known)), math.log(100.0)))
+        logarithms = np.abs(np.log(values[np.isfinite(values) & (values > 0.0)]))
+        reach = math.exp(min(float(np.max(logarithms)), math.log(100.0)))
         values = np.array([1.0 / max(reach, 1.02), max(reach, 1.02)])
     else:
         reach = float(np.max(np.abs(values[np.isfinite(values)])))
@@ -140,10 +140,10 @@ def _axis_of_rest(panel: Panel, rest: Mapping[str, FloatArray], between: tuple[f
     return axis_over(values, between[1], between[0], logarithmic=panel.logarithmic)
 
 
-def _legend(said: Mapping[str, str], frame: Frame, *, points: bool) -> Markup:
+def _legend(names: Mapping[str, str], frame: Frame, *, points: bool) -> Markup:
     """Say beside a piece of each line what it is; on a phone in two rows."""
     x, y, drawn = frame.left, 14.0, []
-    for style, words in [("measured", "measured"), *((style_of(model), words) for model, words in said.items())]:
+    for style, words in [("measured", "measured"), *((style_of(model), words) for model, words in names.items())]:
         room = 34.0 + 6.6 * len(words)
         if x + room > frame.width:
             x, y = frame.left, y + 17.0

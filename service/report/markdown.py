@@ -10,16 +10,16 @@ from service.report.content import EffectContent, ReportContent, Row, report_con
 def explanation_markdown(explanation: Explanation, model_text: str, subject: str) -> str:
     """Return the report, with the augmented model as TOML; its title says what was compared with what, the subject."""
     content = report_content(explanation)
-    found = content.effects
+    effects = content.effects
     sections = [
         [f"# {_text(subject)}", "", f"**{_text(content.headline)}**", "", content.meaning],
         *[[_text(aside)] for aside in content.asides],
         ["## Measure next", "", *([f"* {_text(step)}." for step in content.next_steps] or ["Nothing is proposed."])],
         [f"## {content.misfits_heading}", "", *_misfits(content.misfits)],
-        *([[f"## {content.found_heading}"]] if found else []),
-        *[_effect(effect) for effect in found],
+        *([[f"## {content.found_heading}"]] if effects else []),
+        *[_effect(effect) for effect in effects],
         ["## Gap", "", *_gap(content), "", *_steps(content.steps)],
-        *([["## What stays unexplained", "", *_misfits(content.remainder)]] if found else []),
+        *([["## What stays unexplained", "", *_misfits(content.remainder)]] if effects else []),
         [f"## {content.candidates_heading}", "", *_candidates(content)],
         ["## What was set and declared", "", *_pulls(content.pulls)],
         [f"## {content.model_heading}", "", *_fenced(model_text)],

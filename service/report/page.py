@@ -37,7 +37,7 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
         ("nothing added", gap.before),
         *((f"+ {added_words(step.effects)}", step.gap) for step in explanation.steps),
     ]
-    first = largest_gap(explanation.panels)
+    worst = largest_gap(explanation.panels)
     return _ENVIRONMENT.get_template("explanation.html").render(
         explanation=explanation,
         content=report_content(explanation),
@@ -45,8 +45,8 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
         model_text=model_text,
         shades=shade_names(),
         models=_models(explanation),
-        first=first,
-        heroes=_heroes(explanation, first),
+        first=worst,
+        heroes=_heroes(explanation, worst),
         nothing_held_out=nothing_held_out(explanation),
         number=_number,
         gap_picture=gap_chart("gap", "Gap before and after", both, gap.noise_floor, gap.unit),
@@ -59,16 +59,16 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
     )
 
 
-def _heroes(explanation: Explanation, first: Panel | None) -> list[tuple[str, Markup]]:
+def _heroes(explanation: Explanation, worst: Panel | None) -> list[tuple[str, Markup]]:
     """Return the picture that the page begins with, for wide pages and for phones."""
-    if first is None:
+    if worst is None:
         return []
-    said = {"before": "model"}
+    names = {"before": "model"}
     if explanation.steps:
         helps = explanation.outcome is Outcome.UNKNOWN
-        said = {"before": "model before", "after": "with what helps most" if helps else "with what was found"}
+        names = {"before": "model before", "after": "with what helps most" if helps else "with what was found"}
     frames = {"wide": WIDE, "narrow": NARROW}
-    return [(size, hero_chart(f"hero-{size}", zoomed(first), frame, said)) for size, frame in frames.items()]
+    return [(size, hero_chart(f"hero-{size}", zoomed(worst), frame, names)) for size, frame in frames.items()]
 
 
 def _maps(number: int, shown: MisfitMap) -> tuple[str, Markup, Markup]:

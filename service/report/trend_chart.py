@@ -32,8 +32,8 @@ def time_ticks(start: datetime, end: datetime, most: int) -> list[tuple[datetime
     span = end - start
     for step in _STEPS:
         if span / step <= most - 1:
-            first = _EPOCH + -(-(start - _EPOCH) // step) * step
-            moments = [first + i * step for i in range(most) if first + i * step <= end]
+            first_tick = _EPOCH + -(-(start - _EPOCH) // step) * step
+            moments = [first_tick + i * step for i in range(most) if first_tick + i * step <= end]
             return [(moment, f"{moment:%H:%M}" if step < _DAY else f"{moment:%m-%d}") for moment in moments]
     months = next((months for months in _MONTHS if span / (months * _MONTH) <= most - 1), _MONTHS[-1])
     count = start.year * 12 + start.month - 1
@@ -177,12 +177,12 @@ def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str], 
 
 def sparkline(values: Sequence[float | None], kind: str, words: str) -> Markup:
     """Draw the course of the newest values, without axes; the last one is marked."""
-    known = np.array([math.nan if value is None else value for value in values])
-    if np.isnan(known).all():
+    shown = np.array([math.nan if value is None else value for value in values])
+    if np.isnan(shown).all():
         return Markup()
-    y = axis_over(known, 25.0, 7.0)(known)  # the mark of the last one and its outline are 7 high about it
-    x = np.linspace(4.0, 112.0, known.size) if known.size > 1 else np.array([112.0])
-    last = int(np.flatnonzero(~np.isnan(known))[-1])
+    y = axis_over(shown, 25.0, 7.0)(shown)  # the mark of the last one and its outline are 7 high about it
+    x = np.linspace(4.0, 112.0, shown.size) if shown.size > 1 else np.array([112.0])
+    last = int(np.flatnonzero(~np.isnan(shown))[-1])
     return element(
         "svg",
         element("path", d=path_through(x, y), class_="spark"),
@@ -215,11 +215,11 @@ def _scale(shown: TrendPicture, frame: Frame) -> Axis:
     ends = np.array([end for mark in shown.marks for end in (mark.lower, mark.upper)], dtype=np.float64)
     levels = [] if shown.band is None else [shown.band.lower, shown.band.upper]
     ahead = [] if shown.wedge is None else [*shown.wedge.lower, *shown.wedge.upper]
-    known = np.array([*values[np.isfinite(values)], *levels, *ahead])
-    if known.size:
-        reach = 1.5 * max(float(np.ptp(known)), 0.2 * float(np.abs(known).max()))
-        ends = np.clip(ends[np.isfinite(ends)], known.min() - reach, known.max() + reach)
-    return axis_over(np.array([*known, *ends]), frame.bottom - 18.0, _TOP)
+    shown_values = np.array([*values[np.isfinite(values)], *levels, *ahead])
+    if shown_values.size:
+        reach = 1.5 * max(float(np.ptp(shown_values)), 0.2 * float(np.abs(shown_values).max()))
+        ends = np.clip(ends[np.isfinite(ends)], shown_values.min() - reach, shown_values.max() + reach)
+    return axis_over(np.array([*shown_values, *ends]), frame.bottom - 18.0, _TOP)
 
 
 def _grid(scale: Axis, frame: Frame, write: Callable[[str], str], unit: str) -> Markup:
@@ -355,10 +355,10 @@ def sisters_chart(title: str, lines: Sequence[ShareLine], frame: Frame, write: C
     start, end = min(moments), max(moments)
     whole = (end - start).total_seconds() or 1.0
     scale = axis_over(100.0 * np.array([share for line in lines for share in line.share]), frame.bottom - 8.0, 12.0)
-    first, last = frame.left + 8.0, frame.right - 28.0
+    left, last = frame.left + 8.0, frame.right - 28.0
 
     def place(moment: datetime) -> float:
-        return first + (moment - start).total_seconds() / whole * (last - first)
+        return left + (moment - start).total_seconds() / whole * (last - left)
 
     drawn = [value_grid(scale, frame.left, frame.right, frame.values, write)]
     drawn.append(label("%", frame.left - 6.0, frame.bottom + 4.0, text_anchor="end", class_="quiet"))

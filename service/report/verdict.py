@@ -67,14 +67,14 @@ def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for e
         case Outcome.NAMED:
             return f"{_missing(explanation)}: with {'them' if several else 'it'} {_gap_sentence(explanation)}."
         case Outcome.EQUIVALENT:
-            first = "the first of each" if several else "the first of them"
+            representatives = "the first of each" if several else "the first of them"
             gap = _gap_sentence(explanation)
-            return f"{_missing(explanation)}, and these data cannot tell which: with {first} {gap}."
+            return f"{_missing(explanation)}, and these data cannot tell which: with {representatives} {gap}."
         case Outcome.PARTIAL | Outcome.UNKNOWN if explanation.unfinished:
-            found = "nothing has been found so far: " + _gap_as_it_is(explanation)
+            so_far = "nothing has been found so far: " + _gap_as_it_is(explanation)
             if explanation.effects:
-                found = f"what helps most so far is {names}: {_gap_sentence(explanation)}"
-            return f"Time was up; {found}."
+                so_far = f"what helps most so far is {names}: {_gap_sentence(explanation)}"
+            return f"Time was up; {so_far}."
         case Outcome.PARTIAL:
             gap = _gap_sentence(explanation)
             more = f"{_missing(explanation)}, and there is more that nothing in the catalogue explains: {gap}."
@@ -94,14 +94,14 @@ def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for e
 
 def _without_form(explanation: Explanation) -> str:
     """Say what is there that no law describes."""
-    found = listed([described_sentence(described) for described in explanation.described])
-    return f" {found[0].upper()}{found[1:]}." if found else ""
+    sentence = listed([described_sentence(described) for described in explanation.described])
+    return f" {sentence[0].upper()}{sentence[1:]}." if sentence else ""
 
 
 def _described(explanation: Explanation, names: str) -> str:
-    found = listed([described_sentence(described) for described in explanation.described])
+    sentence = listed([described_sentence(described) for described in explanation.described])
     besides = f"The model lacks {names}, and besides:" if explanation.effects else "No name fits, but this holds:"
-    return f"{besides} {found}; with it {_gap_sentence(explanation)}."
+    return f"{besides} {sentence}; with it {_gap_sentence(explanation)}."
 
 
 def meaning(explanation: Explanation) -> str:
@@ -153,8 +153,8 @@ def _is_wrong(effect: FoundEffect) -> bool:
 
 def _of_parameter(effect: FoundEffect, verb: str) -> str:
     """Say how far a parameter is from what is stated."""
-    (found,) = effect.parameters.values()
-    words = f"{parameter_words(effect.key.removeprefix(PREFIX))}{verb}{compared_with_stated(found.estimate.value)}"
+    (size,) = effect.parameters.values()
+    words = f"{parameter_words(effect.key.removeprefix(PREFIX))}{verb}{compared_with_stated(size.estimate.value)}"
     return words if effect.plausible else f"{words} (a stand-in: that is not plausible)"
 
 
@@ -221,18 +221,18 @@ def _strained_before(explanation: Explanation) -> Iterator[str]:
 
 def _gap_sentence(explanation: Explanation) -> str:
     gap, unit = explanation.gap, unit_shown(explanation.gap.unit)
-    before, after, on = _judged(gap.before), _judged(gap.after), _judged_on(explanation)
+    gap_before, gap_after, judged_on = _judged(gap.before), _judged(gap.after), _judged_on(explanation)
     floor = f"(noise floor {rounded(gap.noise_floor)}{unit})"
     eased = _eased(explanation, _STRAINED)
-    if after > _HARDLY_LESS * before and eased:
+    if gap_after > _HARDLY_LESS * gap_before and eased:
         name = max(eased, key=lambda parameter: abs(eased[parameter]))
         words = parameter_words(name)
         return (
-            f"the gap stays at {rounded(after)}{unit}, {on} {floor}, but without, the {words} would have to be "
-            f"{rounded(abs(eased[name]), 2)} standard deviations from what is stated"
+            f"the gap stays at {rounded(gap_after)}{unit}, {judged_on} {floor}, but without, the {words} would have to "
+            f"be {rounded(abs(eased[name]), 2)} standard deviations from what is stated"
         )
-    verb = "falls" if after < before else "does not fall"
-    return f"the gap {verb}, from {rounded(before)} to {rounded(after)}{unit}, {on} {floor}"
+    verb = "falls" if gap_after < gap_before else "does not fall"
+    return f"the gap {verb}, from {rounded(gap_before)} to {rounded(gap_after)}{unit}, {judged_on} {floor}"
 
 
 def _gap_as_it_is(explanation: Explanation) -> str:
@@ -310,52 +310,55 @@ _VARIABLES: Final = {
 }
 
 
-def described_sentence(found: Described) -> str:
+def described_sentence(described: Described) -> str:
     """Return what varies where, with what and by which law; or what swings there; or that no law says how."""
-    others = " or ".join(alternative_sentence(other, NAMES) for other in found.alternatives)
+    others = " or ".join(alternative_sentence(other, NAMES) for other in described.alternatives)
     or_else = f" (or {others}, which these data do not distinguish)" if others else ""
-    parameter = parameter_words(found.parameter)
-    if found.has_no_form:
-        least, most = (rounded(end(found.factors.values()), 3) for end in (min, max))
+    parameter = parameter_words(described.parameter)
+    if described.has_no_form:
+        least, most = (rounded(end(described.factors.values()), 3) for end in (min, max))
         return (
-            f"{parameter} at the {found.place}{or_else} would have to be another one at each setting, {least} to "
+            f"{parameter} at the {described.place}{or_else} would have to be another one at each setting, {least} to "
             f"{most} times what it is, by no law that was tried"
         )
-    swings = _swings(found) or _bends(found)
-    if found.law is None:
+    swings = _swings(described) or _bends(described)
+    if described.law is None:
         return f"{swings}{or_else}, the same at every setting"
-    with_what, factor, unit = _VARIABLES[found.law.variable]
-    what = f"{swings}; its {parameter}" if swings else f"{parameter} at the {found.place}"
-    return f"{what} varies with {with_what}{or_else}, as {_law(found, found.law, factor, unit)}{_ends(found)}"
-
-
-def _ends(found: Described) -> str:
-    """Say which coefficients stand at an end of the range that is searched: the form may be another; else nothing."""
-    ends = " and ".join(name.replace("_", " ") for name, value in found.parameters.items() if value.at_end)
-    return f"; its {ends} would go beyond what is searched, so that the form is only the nearest tried" if ends else ""
-
-
-def _swings(found: Described) -> str:
-    """Return what swings there on a spring; empty where nothing does."""
-    size, unit = (found.mass_kg, "kg") if found.inertia_kg_m2 is None else (found.inertia_kg_m2, "kg·m²")
-    if found.frequency_hz is None or size is None:
-        return ""
-    return f"something of {rounded(size, 3)} {unit} on a spring, {rounded(found.frequency_hz, 4)} Hz, hangs on the " + (
-        found.place
+    with_what, factor, unit = _VARIABLES[described.law.variable]
+    what = f"{swings}; its {parameter}" if swings else f"{parameter} at the {described.place}"
+    return (
+        f"{what} varies with {with_what}{or_else}, as {_law(described, described.law, factor, unit)}{_ends(described)}"
     )
 
 
-def _bends(found: Described) -> str:
-    """Return how the screw bends; empty where it does not."""
-    if found.place != "screw" or found.frequency_hz is None:
+def _ends(described: Described) -> str:
+    """Say which coefficients stand at an end of the range that is searched: the form may be another; else nothing."""
+    ends = " and ".join(name.replace("_", " ") for name, value in described.parameters.items() if value.at_end)
+    return f"; its {ends} would go beyond what is searched, so that the form is only the nearest tried" if ends else ""
+
+
+def _swings(described: Described) -> str:
+    """Return what swings there on a spring; empty where nothing does."""
+    size, unit = (described.mass_kg, "kg") if described.inertia_kg_m2 is None else (described.inertia_kg_m2, "kg·m²")
+    if described.frequency_hz is None or size is None:
         return ""
-    size = found.parameters.get("compliance_m_per_n")
+    return (
+        f"something of {rounded(size, 3)} {unit} on a spring, {rounded(described.frequency_hz, 4)} Hz, hangs on the "
+        + (described.place)
+    )
+
+
+def _bends(described: Described) -> str:
+    """Return how the screw bends; empty where it does not."""
+    if described.place != "screw" or described.frequency_hz is None:
+        return ""
+    size = described.parameters.get("compliance_m_per_n")
     yields = "" if size is None else f", by up to {rounded(1e9 * size.estimate.value, 3)} nm/N along it"
-    return f"the screw bends under the force in the nut{yields}, first at {rounded(found.frequency_hz, 4)} Hz"
+    return f"the screw bends under the force in the nut{yields}, first at {rounded(described.frequency_hz, 4)} Hz"
 
 
-def _law(found: Described, law: Law, factor: float, unit: str) -> str:
-    values = found.parameters
+def _law(described: Described, law: Law, factor: float, unit: str) -> str:
+    values = described.parameters
     reference, scale = f"{rounded(factor * law.reference, 3)}{unit}", f"{rounded(factor * law.scale, 3)}{unit}"
 
     def shown(name: str) -> str:
