@@ -1,15 +1,29 @@
 """Where the tests find measurements made by others and the published tables."""
 
+import json
 import os
+import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 
 from service.blas_threads import compute_in_one_thread
+from service.cli.main import main
 
 compute_in_one_thread()  # as in the command line
 
 PROJECT_ROOT = Path(__file__).resolve().parent.parent
+
+
+def canary(cases: Iterable[object]) -> list[object]:
+    """Return cases for ``parametrize``: the first is tried by ``make test``, the others before a release."""
+    first, *others = cases
+    return [
+        first,
+        *(pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.release) for case in others),
+    ]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -17,6 +31,40 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the files with long tests first: several processes, a file each at a time, then end together."""
     long = {item.path for item in items if item.get_closest_marker("release")}
     items.sort(key=lambda item: item.path not in long)
+
+
+class Answer(NamedTuple):
+    """What a command left behind."""
+
+    exit_code: int
+    out: str
+    err: str
+
+    def json(self) -> Any:
+        assert self.exit_code == 0, self.err
+        return json.loads(self.out)  # one document and nothing else
+
+
+def run_here(*words: object) -> int:
+    """Run ``preload`` with some words in this process, and return its exit code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["preload", *map(str, words)])
+        with pytest.raises(SystemExit) as exit_:
+            main()
+    return int(exit_.value.code or 0)
+
+
+@pytest.fixture
+def preload(capfd: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
+    """Return what runs ``preload`` with some words in this process and returns its answer."""
+
+    def run(*words: object) -> Answer:
+        capfd.readouterr()
+        code = run_here(*words)
+        captured = capfd.readouterr()
+        return Answer(code, captured.out, captured.err)
+
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -1,35 +1,20 @@
 """Recordings of others end in their known answers through the command line alone; what cannot, says why."""
 
-import json
-import sys
 from pathlib import Path
 
 import pytest
 
 from monitor_core.recordings import read_motion_record
-from service.cli.main import main
 
 
-@pytest.fixture
-def preload(capfd, tmp_path, monkeypatch):
-    """Return what runs ``preload`` in a folder of its own: exit code, standard output, standard error."""
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    """Run commands in a folder of their own."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*words):
-        capfd.readouterr()
-        monkeypatch.setattr(sys, "argv", ["preload", *map(str, words)])
-        with pytest.raises(SystemExit) as exit_:
-            main()
-        captured = capfd.readouterr()
-        return int(exit_.value.code or 0), captured.out, captured.err
-
-    return run
 
 
 def answer_of(run, *words):
-    code, out, err = run(*words, "--json")
-    assert code == 0, err
-    return json.loads(out)
+    return run(*words, "--json").json()
 
 
 def refused(run, *words):

@@ -4,6 +4,7 @@ A page that asks for anything from outside, or writes an error to its console, f
 ``served`` (every state, only read), ``fresh_service`` (a copy of it to change) and ``visit``.
 """
 
+import itertools
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -12,9 +13,10 @@ from pathlib import Path
 import httpx
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request, expect, sync_playwright
 
 from tests.browser.states import build
+from tests.conftest import canary
 from tests.service.conftest import Api, ForkedServer, ServerProcess, free_port, servers
 
 #: No name is resolved: what a page asks of others fails inside the browser. (A route of Playwright's would do it here,
@@ -22,6 +24,12 @@ from tests.service.conftest import Api, ForkedServer, ServerProcess, free_port, 
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"]
 SIZES = {"desk": (1280, 720), "phone": (420, 800)}
 THEMES = ("light", "dark")
+expect.set_options(timeout=60_000)  # a machine that has much else to do takes its time
+
+#: Size and theme in which a page is seen: on a desk in light, and before a release in every way.
+LOOKS = canary(itertools.product(SIZES, THEMES))
+#: A form is sent by a script, and before a release without one, too.
+WITH_AND_WITHOUT_SCRIPT = canary([True, False])
 #: Rules of WCAG 2.2 A and AA, and what axe calls best practice.
 AXE = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
 
@@ -133,7 +141,7 @@ def visit(browser: Browser) -> Iterator[Visit]:
                 timezone_id=zone,
                 java_script_enabled=script,
             )
-            contexts[kind].set_default_timeout(10_000)
+            contexts[kind].set_default_timeout(60_000)
         page = contexts[kind].new_page()
         page.on("console", lambda message: read(message, allowed))
         page.on("pageerror", lambda error: note(f"script: {error}", allowed))

@@ -1,11 +1,9 @@
 """An alarm: readable by everybody, what happened, why, what to check; actions by mouse, keyboard, without script."""
 
-import itertools
-
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import LOOKS, SIZES, Site, Visit, violations
 from tests.browser.test_axis_page import bottom
 from tests.browser.test_fleet_page import small_targets, small_texts
 
@@ -19,7 +17,7 @@ def path(site: Site, axis: str = "alarm") -> str:
     return f"/alarms/{number(site, axis)}"
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(served: Site, visit: Visit, size: str, theme: str) -> None:
     for address in ("/alarms", path(served), path(served, "cleared")):
         page = visit(served.url, address, size, theme)

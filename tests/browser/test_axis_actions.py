@@ -2,7 +2,6 @@
 
 import csv
 import io
-import itertools
 import re
 import uuid
 
@@ -12,7 +11,7 @@ from playwright.sync_api import Page, expect
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.tables import JobRow
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import LOOKS, WITH_AND_WITHOUT_SCRIPT, Site, Visit, violations
 from tests.browser.test_fleet_page import small_targets, small_texts
 from tests.service.conftest import START
 from tests.service.test_discrepancies import MODEL
@@ -38,7 +37,8 @@ def entries(site: Site, axis: str) -> list[dict[str, object]]:
     return found
 
 
-@pytest.mark.parametrize(("path", "size", "theme"), list(itertools.product(PAGES, SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
+@pytest.mark.parametrize("path", PAGES)
 def test_everybody_can_read_it(served: Site, visit: Visit, path: str, size: str, theme: str) -> None:
     page = visit(served.url, path, size, theme)
     assert not violations(page)
@@ -47,7 +47,7 @@ def test_everybody_can_read_it(served: Site, visit: Visit, path: str, size: str,
     assert small_targets(page) == []
 
 
-@pytest.mark.parametrize("script", [True, False])
+@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
 def test_work_is_logged_and_marked_on_every_chart(fresh_service: Site, visit: Visit, script: bool) -> None:
     page = visit(fresh_service.url, "/axes/normal", script=script)
     page.get_by_role("link", name="Log work").first.click()
@@ -122,7 +122,7 @@ def test_an_axis_is_archived_found_and_taken_back(fresh_service: Site, visit: Vi
     assert page.get_by_role("link", name="normal", exact=True).count() == 1
 
 
-@pytest.mark.parametrize("script", [True, False])
+@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
 def test_a_period_is_kept_and_no_longer(fresh_service: Site, visit: Visit, script: bool) -> None:
     page = visit(fresh_service.url, "/axes/normal", script=script)
     page.get_by_role("link", name="Stored periods").click()
@@ -138,7 +138,7 @@ def test_a_period_is_kept_and_no_longer(fresh_service: Site, visit: Visit, scrip
     assert fresh_service.api.http.get("/v1/axes/normal/pins").json()["pins"] == []
 
 
-@pytest.mark.parametrize("script", [True, False])
+@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
 def test_a_history_is_compared_and_then_stands(fresh_service: Site, visit: Visit, script: bool) -> None:
     site = fresh_service
     before = site.api.http.get("/v1/axes/alarm/calibrations").json()
@@ -253,7 +253,7 @@ JOINTS = {
 LACKS = {"outcome": "explained", "effects": [{"key": "pedestal-compliance"}]}
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_what_came_of_an_analysis_is_read(
     fresh_service: Site, visit: Visit, size: str, theme: str
 ) -> None:  # fmt: skip

@@ -1,17 +1,17 @@
 """One axis: what is above the fold, nothing false in any state, the trend at any age, the alarm in two clicks."""
 
-import itertools
 import re
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, bytes_of, violations, zoom_by_dragging
+from tests.browser.conftest import LOOKS, SIZES, Site, Visit, bytes_of, violations, zoom_by_dragging
 from tests.browser.states import MISSING, STATES
 from tests.browser.test_fleet_page import small_targets, small_texts
 
 
-@pytest.mark.parametrize(("axis", "size", "theme"), list(itertools.product(("alarm", "long"), SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
+@pytest.mark.parametrize("axis", ["alarm", "long"])
 def test_everybody_can_read_it(served: Site, visit: Visit, axis: str, size: str, theme: str) -> None:
     page = visit(served.url, f"/axes/{axis}", size, theme)
     for summary in page.locator("summary").all():
@@ -34,7 +34,14 @@ def bottom(page: Page, selector: str) -> float:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("axis", ["alarm", "alert", "normal", "silent", "cleared", "long"])
+@pytest.mark.parametrize(
+    "axis",
+    [
+        "alarm",
+        "silent",
+        *(pytest.param(axis, marks=pytest.mark.release) for axis in ("alert", "normal", "cleared", "long")),
+    ],
+)
 def test_state_value_age_next_step_and_last_point_are_above_the_fold(
     served: Site, visit: Visit, size: str, axis: str
 ) -> None:

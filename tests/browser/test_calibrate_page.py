@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import LOOKS, Site, Visit, violations
 from tests.browser.states import CONFIGURATION
 from tests.browser.test_fleet_page import small_targets, small_texts
 from tests.service.conftest import START, Api, simulated_measurement
@@ -35,6 +35,7 @@ def calibrating(fresh_service: Site) -> Site:
     return fresh_service
 
 
+@pytest.mark.release
 def test_the_map_fills_as_windows_arrive(calibrating: Site, visit: Visit) -> None:
     page = visit(calibrating.url, f"/axes/{AXIS}/calibrate")
     expect(page.locator("#next .value")).to_have_text(re.compile(r"Next: move to \d+ mm, set \d+ N"))
@@ -67,6 +68,7 @@ def test_a_plan_that_is_none_says_why(calibrating: Site, visit: Visit) -> None:
     expect(page.get_by_role("alert")).to_contain_text("expected positions in mm")
 
 
+@pytest.mark.release
 def test_a_calibration_started_closed_in_the_browser_is_found_again(calibrating: Site, visit: Visit) -> None:
     measure(calibrating.api, range(len(SETTINGS)))
     page = visit(calibrating.url, f"/axes/{AXIS}/calibrate")
@@ -128,7 +130,7 @@ def test_too_little_for_a_fit_is_said_where_the_fit_was_asked_for(calibrating: S
     expect(page.get_by_role("alert")).to_contain_text("three positions", timeout=30_000)
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(calibrating: Site, visit: Visit, size: str, theme: str) -> None:
     measure(calibrating.api, range(len(SETTINGS)))
     number = calibrating.api.calibrate(AXIS)

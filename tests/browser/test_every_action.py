@@ -1,6 +1,5 @@
 """Every action in both themes and widths, by click and by keyboard: each control can be seen and hit; it is done."""
 
-import itertools
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit
+from tests.browser.conftest import LOOKS, Site, Visit
 from tests.browser.states import CONFIGURATION
 from tests.browser.test_alarm_page import path as alarm_path
 from tests.browser.test_axis_actions import DAY
@@ -184,12 +183,11 @@ ACTIONS: tuple[Callable[[Page, Submit, Site, Path], None], ...] = (
 )  # fmt: skip
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("look", list(itertools.product(SIZES, THEMES)), ids="-".join)
-@pytest.mark.parametrize("submit", [by_click, by_keyboard])
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
+@pytest.mark.parametrize("submit", [by_click, pytest.param(by_keyboard, marks=pytest.mark.release)])
 def test_every_action_can_be_seen_hit_and_done(
-    fresh_service: Site, visit: Visit, tmp_path: Path, look: tuple[str, str], submit: Submit
+    fresh_service: Site, visit: Visit, tmp_path: Path, *, size: str, theme: str, submit: Submit
 ) -> None:
-    page = visit(fresh_service.url, "/", *look)
+    page = visit(fresh_service.url, "/", size, theme)
     for act in ACTIONS:
         act(page, submit, fresh_service, tmp_path)

@@ -1,6 +1,5 @@
 """A recording is looked into at once, its channels are given a meaning in a form, and its windows are taken."""
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 import scipy.io
 from playwright.sync_api import expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import LOOKS, Site, Visit, violations
 from tests.browser.states import measure
 from tests.browser.test_fleet_page import small_targets, small_texts
 from tests.browser.test_new_axis_page import SESSION
@@ -52,7 +51,7 @@ def mat_file(folder: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("make", [csv_file, mat_file])
+@pytest.mark.parametrize("make", [csv_file, pytest.param(mat_file, marks=pytest.mark.release)])
 def test_a_raw_file_is_taken_with_the_map_that_was_filled_in(
     fresh_service: Site, visit: Visit, tmp_path: Path, make
 ) -> None:
@@ -86,9 +85,9 @@ def test_a_raw_file_is_taken_with_the_map_that_was_filled_in(
     ("name", "content"),
     [
         ("notes.txt", b"dear diary"),
-        ("empty.csv", b""),
-        ("model.toml", (SESSION.parent / "models" / "lumped.toml").read_bytes()),
-        ("half.session.h5", SESSION.read_bytes()[:50_000]),
+        pytest.param("empty.csv", b"", marks=pytest.mark.release),
+        pytest.param("model.toml", (SESSION.parent / "models" / "lumped.toml").read_bytes(), marks=pytest.mark.release),
+        pytest.param("half.session.h5", SESSION.read_bytes()[:50_000], marks=pytest.mark.release),
     ],
 )
 def test_a_file_that_cannot_be_taken_says_what_was_expected(
@@ -129,7 +128,7 @@ def test_two_people_at_once_the_second_is_told(fresh_service: Site, visit: Visit
     expect(other.locator("main")).to_contain_text("are taken already")
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(fresh_service: Site, visit: Visit, tmp_path: Path, size: str, theme: str) -> None:
     page = visit(fresh_service.url, "/axes/normal/import", size, theme)
     for number in range(2):

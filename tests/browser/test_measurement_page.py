@@ -1,13 +1,12 @@
 """Why this value: readable by everybody, each part on the page, neighbours by keyboard, downloads, German."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, bytes_of, violations
+from tests.browser.conftest import LOOKS, SIZES, Site, Visit, bytes_of, violations
 from tests.browser.states import measurement
 from tests.browser.test_axis_page import bottom
 from tests.browser.test_fleet_page import small_targets, small_texts
@@ -23,7 +22,7 @@ def path(site: Site, axis: str = "alarm") -> str:
     return f"/axes/{axis}/measurements/{number(site, axis)}"
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(served: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(served.url, path(served), size, theme)
     for summary in page.locator("summary").all():

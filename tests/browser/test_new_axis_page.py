@@ -1,13 +1,12 @@
 """A new axis from its name alone: band, drive model, and the whole way to a trend with few clicks and words."""
 
-import itertools
 import re
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import LOOKS, Site, Visit, violations
 from tests.browser.test_fleet_page import small_targets, small_texts
 from tests.conftest import PROJECT_ROOT
 
@@ -65,7 +64,7 @@ def test_from_register_to_trend_in_ten_clicks_and_three_fields(fresh_service: Si
     assert 'family = "receptance"' in stored["configuration"]["drive_model"]
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(served: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(served.url, "/axes/new", size, theme)
     expect(page.get_by_role("button", name="Register")).to_be_in_viewport()

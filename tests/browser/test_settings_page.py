@@ -1,12 +1,11 @@
 """Settings: what they would change stands on a page before they are saved; who saves second is told what changed."""
 
-import itertools
 import re
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import LOOKS, WITH_AND_WITHOUT_SCRIPT, Site, Visit, violations
 from tests.browser.test_axis_actions import press
 from tests.browser.test_fleet_page import small_targets, small_texts
 
@@ -21,7 +20,7 @@ def fill_in(page: Page) -> None:
     page.get_by_label("Machine", exact=True).fill("Mill 3")
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_both_steps(served: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(served.url, PATH, size, theme)
     for step in range(2):
@@ -35,7 +34,7 @@ def test_everybody_can_read_both_steps(served: Site, visit: Visit, size: str, th
             expect(page.locator("#consequences")).to_be_visible()
 
 
-@pytest.mark.parametrize("script", [True, False])
+@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
 def test_consequences_stand_before_anything_is_saved(fresh_service: Site, visit: Visit, script: bool) -> None:
     page = visit(fresh_service.url, "/axes/alarm", script=script)
     before = fresh_service.api.axis("alarm")["configuration"]

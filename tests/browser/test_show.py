@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 from aiosmtpd.controller import Controller
 from playwright.sync_api import expect
 
@@ -44,6 +45,7 @@ def mailbox() -> Iterator[tuple[int, list[tuple[datetime, bytes]]]]:
         server.stop()
 
 
+@pytest.mark.release
 def test_an_alarm_of_a_replay_is_seen_everywhere_within_two_seconds(states: Path, tmp_path: Path, visit: Visit) -> None:
     sessions = tmp_path / "sessions"
     sessions.mkdir()

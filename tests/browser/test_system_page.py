@@ -1,6 +1,5 @@
 """The system: what is stored, how far intake is behind, what was refused, jobs, receivers, the log of changes."""
 
-import itertools
 import uuid
 
 import pytest
@@ -9,7 +8,7 @@ from playwright.sync_api import expect
 from service.operations.access.people import People
 from service.store.database import Database
 from service.store.tables import JobRow
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import LOOKS, WITH_AND_WITHOUT_SCRIPT, Site, Visit, violations
 from tests.browser.states import measure
 from tests.browser.test_axis_actions import press
 from tests.browser.test_fleet_page import small_targets, small_texts
@@ -19,7 +18,7 @@ from tests.service.test_discrepancies import LUMPED, published_peaks
 PASSWORD = "correct horse battery"  # noqa: S105 - of a test
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(served: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(served.url, "/system", size, theme)
     page.locator("#paces summary").click()
@@ -52,7 +51,7 @@ def test_refusals_of_all_axes_are_summed_by_reason(fresh_service: Site, visit: V
     expect(page.locator("#refusals").get_by_role("row", name="another sample rate")).to_contain_text("8")
 
 
-@pytest.mark.parametrize("script", [True, False])
+@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
 def test_a_job_is_seen_and_cancelled(fresh_service: Site, visit: Visit, script: bool) -> None:
     body = {"baseline": LUMPED, "peaks": published_peaks()}
     job = fresh_service.api.http.post("/v1/axes/alarm/discrepancies", json=body).json()["id"]

@@ -1,6 +1,5 @@
 """An empty service is tried with one click: a year of an axis, which every page has something to show of."""
 
-import itertools
 import os
 import time
 from collections.abc import Iterator
@@ -10,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, sites, violations
+from tests.browser.conftest import LOOKS, Site, Visit, sites, violations
 from tests.service.conftest import assert_problem
 
 
@@ -48,7 +47,7 @@ def wait_for(site: Site, job: str, seconds: float = 120.0) -> dict[str, object]:
     raise AssertionError(f"job {job} did not end within {seconds} s")
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_the_offer(empty_service: Site, visit: Visit, size: str, theme: str) -> None:
     assert not violations(visit(empty_service.url, "/", size, theme))
 
@@ -67,11 +66,16 @@ def test_one_click_makes_a_year_and_one_puts_it_away(empty_service: Site, visit:
     expect(page.locator("h1")).to_have_text("1 of 2 needs you.")
     page.get_by_role("link", name="Trial: X axis of the bundled machine").click()
     expect(page.locator("#state")).to_contain_text("alarm")
+    page.get_by_role("link", name="Show the long run").click()
+    expect(page.locator("h1")).to_contain_text("The long run")
+    assert not violations(page)
+    page.go_back()
     page.get_by_role("button", name="Put the trial away").click()
     expect(page.locator("#said")).to_have_text("The trial is put away.")
     expect(page.get_by_role("button", name="Make the trial axis")).to_be_visible()
 
 
+@pytest.mark.release
 def test_its_year_is_worth_looking_at(tried: Site) -> None:
     """A loose nut that was repaired, a payload without an alarm, refusals, work, and wear that stands."""
     points = tried.api.trend("trial", limit=1000)
@@ -97,6 +101,7 @@ def test_its_year_is_worth_looking_at(tried: Site) -> None:
     assert sum(point["drag_torque_nm"] is not None for point in judged) > 0.35 * len(judged)
 
 
+@pytest.mark.release
 def test_it_takes_the_service_less_than_20_seconds(empty_service: Site) -> None:
     """Of its processor: on a machine that has nothing else to do it is there sooner."""
     before = processor_seconds(empty_service)
@@ -104,6 +109,7 @@ def test_it_takes_the_service_less_than_20_seconds(empty_service: Site) -> None:
     assert processor_seconds(empty_service) - before < 20.0
 
 
+@pytest.mark.release
 def test_it_goes_on_after_a_restart(empty_service: Site) -> None:
     job = empty_service.api.http.post("/v1/trials").json()["id"]
     until = time.monotonic() + 60.0
@@ -125,7 +131,8 @@ def processor_seconds(site: Site) -> float:
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.release
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_the_long_run(tried: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(tried.url, "/axes/trial/long-run", size, theme)
     for summary in page.locator("summary").all():
@@ -134,6 +141,7 @@ def test_everybody_can_read_the_long_run(tried: Site, visit: Visit, size: str, t
     assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
 
 
+@pytest.mark.release
 def test_the_long_run_shows_projection_mode_and_sister(tried: Site, visit: Visit) -> None:
     page = visit(tried.url, "/axes/trial")
     page.get_by_role("link", name="Show the long run").click()

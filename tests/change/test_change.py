@@ -37,6 +37,7 @@ from monitor_core.models.extended import (
 )
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from service.documents.change import attribution_sentence
+from tests.conftest import canary
 from tests.hidden_effects.running.trials import described_axis
 from tests.plant.chain import Axis, Condition
 from tests.plant.simulation import state_space
@@ -234,16 +235,17 @@ def test_positions_a_few_millimetres_apart_are_one_place() -> None:
     np.testing.assert_allclose(positions_of(np.array([0.301, 0.5, 0.3, 0.305, 0.7])), [0.302, 0.5, 0.7])
 
 
-@pytest.mark.release
 @pytest.mark.parametrize(
     ("change", "cause", "size"),
-    [
-        ((PRELOAD_CHANGE, {"preload_n": -60.0}), Cause.PRELOAD, -60.0),
-        ((ADDED_MASS, {"mass_kg": 1.5}), Cause.PAYLOAD, 1.5),
-        ((FAR_BEARING_CHANGE, {"ln_ratio": -0.4}), Cause.BEARING, -0.4),
-        ((POSITION_OFFSET, {"offset_m": 0.015}), Cause.POSITION, 0.015),
-        ((TORQUE_DELAY, {"delay_s": -1e-4}), Cause.SENSOR, -1e-4),
-    ],
+    canary(
+        [
+            ((PRELOAD_CHANGE, {"preload_n": -60.0}), Cause.PRELOAD, -60.0),
+            ((ADDED_MASS, {"mass_kg": 1.5}), Cause.PAYLOAD, 1.5),
+            ((FAR_BEARING_CHANGE, {"ln_ratio": -0.4}), Cause.BEARING, -0.4),
+            ((POSITION_OFFSET, {"offset_m": 0.015}), Cause.POSITION, 0.015),
+            ((TORQUE_DELAY, {"delay_s": -1e-4}), Cause.SENSOR, -1e-4),
+        ]
+    ),
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_change_is_named_with_its_size(

@@ -30,7 +30,7 @@ from service.gateways.opcua_server import OpcuaSettings
 from service.observability import FleetGauges, Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
-from tests.conftest import PROJECT_ROOT
+from tests.conftest import PROJECT_ROOT, canary
 
 DOCS = PROJECT_ROOT / "docs"
 TOP_PAGES = [PROJECT_ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
@@ -256,8 +256,7 @@ def cells_of(text: str) -> str:
     return "".join(re.sub(r" ?\.\.\. ?", "...", line) + "\n" for line in lines)
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("page", TOURS)
+@pytest.mark.parametrize("page", canary(TOURS))
 def test_the_tour_answers_what_it_shows(tmp_path, page):
     if shutil.which("curl") is None:
         pytest.skip("the tour is told with curl, which is not installed")

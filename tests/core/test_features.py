@@ -33,10 +33,11 @@ def test_there_are_36_and_most_are_there() -> None:
     assert sum(feature.page == "yes" for feature in found) >= 30
 
 
-@pytest.mark.parametrize("feature", features(), ids=lambda feature: str(feature.number))
-def test_what_shows_it_exists(feature: Feature) -> None:
-    path, _, name = feature.shown_by.partition("::")
-    assert (PROJECT_ROOT / path).is_file(), path
-    if name:
-        body = ast.parse((PROJECT_ROOT / path).read_text(encoding="utf-8")).body
-        assert name in {node.name for node in body if isinstance(node, ast.FunctionDef)}, feature.shown_by
+def test_what_shows_it_exists(subtests: pytest.Subtests) -> None:
+    for feature in features():
+        with subtests.test(feature=feature):
+            path, _, name = feature.shown_by.partition("::")
+            assert (PROJECT_ROOT / path).is_file(), path
+            if name:
+                body = ast.parse((PROJECT_ROOT / path).read_text(encoding="utf-8")).body
+                assert name in {node.name for node in body if isinstance(node, ast.FunctionDef)}, feature.shown_by

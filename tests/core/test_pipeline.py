@@ -98,7 +98,6 @@ def test_another_payload_needs_its_moving_mass(measurements, calibration) -> Non
     assert outcome.refusal.reason in (RejectionReason.OUTSIDE_CALIBRATION, RejectionReason.NO_PEAK_IN_BAND)
 
 
-@pytest.mark.release
 def test_a_preload_set_on_purpose_never_enters_the_charts(measurements, calibration) -> None:
     outcome = judge_measurement(measurements[0], SETTINGS, calibration)
     assert isinstance(outcome.preload, PreloadEstimate)

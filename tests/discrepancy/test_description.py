@@ -243,6 +243,7 @@ def test_what_follows_no_law_is_said_to_be_there_and_no_more():
     assert max(found.factors.values()) / min(found.factors.values()) == pytest.approx(true.max() / true.min(), rel=0.3)
 
 
+@pytest.mark.release
 def test_a_healthy_axis_has_nothing_to_describe():
     """Its settings differ by no more than their tolerances."""
     _, answer, _ = described("none", "medium", 7)

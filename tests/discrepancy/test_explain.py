@@ -90,7 +90,6 @@ def far_bearing():
     return explained(with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}}), SECOND_HALF)
 
 
-@pytest.mark.release
 def test_a_far_bearing_is_named(far_bearing) -> None:
     """With an interval that holds its stiffness, and a gap that is gone where nothing was fitted."""
     assert far_bearing.outcome is Outcome.NAMED
@@ -149,7 +148,6 @@ def test_a_model_without_an_answer_at_the_settings_as_stated_is_left_out_of_the_
     assert [panel.title for panel in answer.panels] == ["before"]
 
 
-@pytest.mark.release
 def test_the_augmented_model_is_the_axis(far_bearing) -> None:
     """The description, moved by the ratios and with what was added, is as the true axis is."""
     described = replace(
@@ -164,7 +162,6 @@ def test_the_augmented_model_is_the_axis(far_bearing) -> None:
     assert np.sqrt(np.mean((found.misfit(truth) - true.misfit(truth)) ** 2)) < 0.01
 
 
-@pytest.mark.release
 def test_the_misfit_is_located_before_and_gone_after(far_bearing) -> None:
     assert far_bearing.localisation
     assert far_bearing.remainder == ()
@@ -185,7 +182,6 @@ def test_a_misfit_is_located_where_the_effect_acts() -> None:
     assert positions.numbers[-1] == pytest.approx(0.8683)
 
 
-@pytest.mark.release
 def test_pictures_show_both_models(far_bearing) -> None:
     assert len(far_bearing.panels) == len(SECOND_HALF)
     for panel in far_bearing.panels:
@@ -196,13 +192,11 @@ def test_pictures_show_both_models(far_bearing) -> None:
         assert before > after
 
 
-@pytest.mark.release
 def test_pulls_are_those_of_a_healthy_axis(far_bearing) -> None:
     assert set(far_bearing.pulls) == {"position", "preload", "gain 1", *TOLERANCES}
     assert max(abs(pull) for pull in far_bearing.pulls.values()) < 3.0
 
 
-@pytest.mark.release
 def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
     """No payload, temperature and level were varied; a rotor that is not part of the path moves nothing."""
     reasons = {candidate.key: candidate.untested for candidate in far_bearing.candidates}
@@ -310,6 +304,7 @@ def test_an_effect_of_a_users_own_is_named(tmp_path) -> None:
     assert list(answer.added) == ["wipers"]
 
 
+@pytest.mark.release
 def test_held_out_positions_that_contradict_are_believed() -> None:
     """A far bearing holds the screw while five positions are measured, and does not at the other two."""
     held = with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e6}})

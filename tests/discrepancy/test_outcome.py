@@ -70,10 +70,10 @@ def judged(classes, in_floors, pulls, explained=1.0):
     return outcome_of(classes, remainder(in_floors, pulls), explained=explained, settings=SETTINGS)
 
 
-@pytest.mark.parametrize("what", TABLE)
-def test_outcome(what) -> None:
-    classes, in_floors, pulls, expected = TABLE[what]
-    assert judged(classes, in_floors, pulls) is expected
+def test_outcome(subtests: pytest.Subtests) -> None:
+    for what, (classes, in_floors, pulls, expected) in TABLE.items():
+        with subtests.test(what=what):
+            assert judged(classes, in_floors, pulls) is expected
 
 
 @pytest.mark.parametrize("left", [(LEFT, QUIET), (AT_FLOOR, PULLED)])
@@ -163,6 +163,7 @@ def test_settings_that_scatter_at_random_follow_nothing() -> None:
     assert follow <= 3
 
 
+@pytest.mark.release
 def test_many_looks_at_settings_that_scatter_find_no_more_than_one() -> None:
     """Six looks: at time and at five conditions, each of which three other settings have otherwise."""
     rng = np.random.default_rng(13)

@@ -27,9 +27,8 @@ def test_kinds_of_the_table() -> None:
     assert beyond <= {"loss-factor", "constant-loss-factor"}  # dampings, where stated by one quantity
 
 
-@pytest.mark.parametrize(
-    ("family", "name", "kind"),
-    [
+def test_kinds_of_wrong_parameters(subtests: pytest.Subtests) -> None:
+    for family, name, kind in [
         ("lumped", "bracket_stiffness_n_per_m", STIFFNESS),
         ("lumped", "coupling_stiffness_nm_per_rad", STIFFNESS),
         ("lumped", "table_mass_kg", MASS),
@@ -39,10 +38,9 @@ def test_kinds_of_the_table() -> None:
         ("receptance", "coupling_damping_nms_per_rad", DAMPING),
         ("lumped", "screw_length_m", None),
         ("receptance", "density_kg_per_m3", None),
-    ],
-)
-def test_kinds_of_wrong_parameters(family, name, kind) -> None:
-    assert kind_of_effect(wrong_parameter(name, bundled(family).parameters)) is kind
+    ]:
+        with subtests.test(family=family, name=name):
+            assert kind_of_effect(wrong_parameter(name, bundled(family).parameters)) is kind
 
 
 def test_signatures_are_changes_of_the_residuals() -> None:

@@ -526,13 +526,14 @@ IMPOSSIBLE = [
 ]
 
 
-@pytest.mark.parametrize(("key", "values", "sentence"), IMPOSSIBLE)
-def test_what_no_axis_could_have_is_refused(key, values, sentence) -> None:
-    with pytest.raises(OutsideValidityError) as caught:
-        with_effects(ExtendedModel.of(RATED), {key: values})
-    assert str(caught.value).startswith(f"the effect {key}")
-    assert sentence in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_what_no_axis_could_have_is_refused(subtests: pytest.Subtests) -> None:
+    for key, values, sentence in IMPOSSIBLE:
+        with subtests.test(key=key, values=values):
+            with pytest.raises(OutsideValidityError) as caught:
+                with_effects(ExtendedModel.of(RATED), {key: values})
+            assert str(caught.value).startswith(f"the effect {key}")
+            assert sentence in str(caught.value)
+            assert "\n" not in str(caught.value)
 
 
 def test_a_loss_factor_is_not_searched_beyond_what_the_record_takes() -> None:

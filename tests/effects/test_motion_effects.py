@@ -17,6 +17,7 @@ from monitor_core.effects.sizes import motion_sizes
 from monitor_core.effects.units import recorded_unit
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.motion import Kinematics, MotionModel, MotionParameters, forces
+from tests.effects.test_effects import strong_values
 from tests.models.simulated_motion import RATE, Motion, Truth
 
 STATED = MotionParameters(moving_mass=95.0, viscous_friction=200.0, screw_lead=0.02)
@@ -41,10 +42,6 @@ def axis_for(effect):
     stated = WITHOUT_FRICTION if effect.key == "viscous-friction" else STATED
     present = {"coulomb-friction": {"friction_n": 4.0}, "force-delay": {"delay_s": 3e-4}}
     return with_effects(MotionModel.of(stated), present).physics
-
-
-def strong_values(effect):
-    return {parameter.name: parameter.null + parameter.scale for parameter in effect.parameters}
 
 
 def test_keys_are_those_of_the_formats() -> None:

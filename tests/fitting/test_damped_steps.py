@@ -20,13 +20,14 @@ def test_a_linear_problem_ends_where_the_normal_equations_do() -> None:
     np.testing.assert_allclose(found, np.linalg.lstsq(slopes, wanted, rcond=None)[0], rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", sorted(MODELS))
-def test_certified_values_are_found_from_the_nearer_start(name) -> None:
+def test_certified_values_are_found_from_the_nearer_start(subtests: pytest.Subtests) -> None:
     """Of all 27 nonlinear regressions of the National Institute of Standards and Technology."""
-    expected, problem = certified(name), regression(name)
-    anywhere = np.full(expected.values.size, -np.inf), np.full(expected.values.size, np.inf)
-    found = minimum_by_damped_steps(problem.residuals, problem.jacobian, expected.starts[1], anywhere, EXACT)
-    assert agreed_digits(found, expected.values) >= 4.0
+    for name in sorted(MODELS):
+        with subtests.test(name=name):
+            expected, problem = certified(name), regression(name)
+            anywhere = np.full(expected.values.size, -np.inf), np.full(expected.values.size, np.inf)
+            found = minimum_by_damped_steps(problem.residuals, problem.jacobian, expected.starts[1], anywhere, EXACT)
+            assert agreed_digits(found, expected.values) >= 4.0
 
 
 @pytest.mark.parametrize("upper", [np.inf, 0.5])
@@ -40,9 +41,14 @@ def test_a_curved_valley_is_followed_to_its_end_or_its_bound(upper) -> None:
     np.testing.assert_allclose(found, [min(1.0, upper), min(1.0, upper) ** 2], atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_bounded_problems_end_where_scipy_does(seed) -> None:
+def test_bounded_problems_end_where_scipy_does(subtests: pytest.Subtests) -> None:
     """Some start on a bound, some end there; coordinates differ by orders of magnitude."""
+    for seed in range(20):
+        with subtests.test(seed=seed):
+            assert_the_end_is_that_of_scipy(seed)
+
+
+def assert_the_end_is_that_of_scipy(seed: int) -> None:
     rng = np.random.default_rng(seed)
     slopes, curved = rng.standard_normal((2, 12, 5))
     wanted, scale = rng.standard_normal(12), 10.0 ** rng.uniform(-3.0, 3.0, 5)
@@ -55,7 +61,13 @@ def test_bounded_problems_end_where_scipy_does(seed) -> None:
         return (slopes + 0.2 * (curved @ (scale * x))[:, None] * curved) * scale
 
     expected = scipy.optimize.least_squares(
-        residuals, np.clip(np.zeros(5), *bounds) + 1e-3 / scale, jacobian, bounds, xtol=1e-14, ftol=1e-14, gtol=1e-12
+        residuals,
+        np.clip(np.zeros(5), *bounds) + 1e-3 / scale,
+        jacobian,
+        bounds,
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-12,
     )
     found = minimum_by_damped_steps(residuals, jacobian, np.zeros(5), bounds, EXACT)
     assert np.all((found >= bounds[0]) & (found <= bounds[1]))

@@ -1,5 +1,6 @@
 """Local least squares against certified regressions, closed forms of straight lines, and laws."""
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -43,23 +44,23 @@ def line(sigma: float = 0.5) -> Linear:
     return Linear(np.column_stack([np.ones(5), x]), np.array([1.1, 1.4, 2.2, 2.9, 4.7]), sigma)
 
 
-@pytest.mark.parametrize("start", [0, 1], ids=["start 1", "start 2"])
-@pytest.mark.parametrize("name", sorted(MODELS))
-def test_certified_values_and_standard_deviations_of_all_27_regressions(name: str, start: int) -> None:
-    expected = certified(name)
-    fit = fit_local(regression(name), everywhere(expected.values.size), expected.starts[start], SCATTER)
-    assert fit.converged
-    # The file of Rat43 prints 9 degrees of freedom for 15 observations and 4 parameters; its s is that of 11.
-    printed = 11 if name == "Rat43" else expected.degrees_of_freedom
-    assert fit.degrees_of_freedom == fit.coordinates.degrees_of_freedom == printed
-    assert agreed_digits(fit.coordinates.values, expected.values) >= 6.0
-    # Lanczos1 is exact but for the fourteenth digit of its data: the rest is rounding of the data in the computer, and
-    # with it the standard deviations, in which two or three digits are all that double precision has.
-    digits = 2.0 if name == "Lanczos1" else 6.0
-    assert agreed_digits(fit.coordinates.standard_uncertainties, expected.standard_deviations) >= digits
-    scatter = np.array([fit.chi_squared, math.sqrt(fit.residual_variance)])
-    expected_scatter = np.array([expected.residual_sum_of_squares, expected.residual_standard_deviation])
-    assert agreed_digits(scatter, expected_scatter) >= digits
+def test_certified_values_and_standard_deviations_of_all_27_regressions(subtests: pytest.Subtests) -> None:
+    for start, name in itertools.product([0, 1], sorted(MODELS)):
+        with subtests.test(start=start, name=name):
+            expected = certified(name)
+            fit = fit_local(regression(name), everywhere(expected.values.size), expected.starts[start], SCATTER)
+            assert fit.converged
+            # The file of Rat43 prints 9 degrees of freedom for 15 observations and 4 parameters; its s is that of 11.
+            printed = 11 if name == "Rat43" else expected.degrees_of_freedom
+            assert fit.degrees_of_freedom == fit.coordinates.degrees_of_freedom == printed
+            assert agreed_digits(fit.coordinates.values, expected.values) >= 6.0
+            # Lanczos1 is exact but for the fourteenth digit of its data: the rest is rounding of the data in the
+            # computer, and with it the standard deviations, in which two or three digits are all that there are.
+            digits = 2.0 if name == "Lanczos1" else 6.0
+            assert agreed_digits(fit.coordinates.standard_uncertainties, expected.standard_deviations) >= digits
+            scatter = np.array([fit.chi_squared, math.sqrt(fit.residual_variance)])
+            expected_scatter = np.array([expected.residual_sum_of_squares, expected.residual_standard_deviation])
+            assert agreed_digits(scatter, expected_scatter) >= digits
 
 
 def test_covariance_of_a_line_is_the_textbooks_with_stated_and_with_estimated_scatter() -> None:

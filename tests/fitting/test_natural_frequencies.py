@@ -27,6 +27,7 @@ from monitor_core.models.parameters import PARAMETERS, name_in_file
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.models.published.lumped import LumpedParameters, axial_stiffness
 from monitor_core.models.published.receptance import ReceptanceModel
+from tests.conftest import canary
 from tests.identification import tian
 
 BEARING, BRACKET, NUT = "bearing_stiffness_n_per_m", "bracket_stiffness_n_per_m", "nut_stiffness_n_per_m"
@@ -246,8 +247,7 @@ FOUND = {
 }
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("family", FOUND)
+@pytest.mark.parametrize("family", canary(FOUND))
 def test_joints_come_back_from_frequencies(family):
     drive = FreeParameters(family, shipped(family), FOUND[family])
     truth, n_modes = drive.start + np.array([0.03, -0.04]), 1 if family in {"lumped", "hybrid"} else 4

@@ -1,5 +1,6 @@
 """Whole responses of an axis in finite elements, with noise: joints come back, and their intervals cover."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -89,25 +90,26 @@ def test_peaks_of_the_same_data_know_ten_times_less(exact, fits):
     assert np.sqrt(np.mean(np.square(errors))) > 10 * np.sqrt(np.mean(np.square(whole)))
 
 
-@pytest.mark.parametrize("form", ResidualForm)
-@pytest.mark.parametrize(
-    ("excitation", "response"),
-    [(e, r) for e in ExcitationPoint for r in ResponsePoint],
-)
-def test_jacobian_is_the_slope_of_the_residuals_at_all_points(form, excitation, response):
-    frequency, conditions = np.linspace(15.0, 900.0, 150), DriveConditions(0.7)
-    measured = ReceptanceModel(replace(AXIS, nut_stiffness=8e8)).frequency_response(
-        frequency, conditions, excitation=excitation, response=response
-    )
-    if not np.any(measured.response):
-        pytest.skip("the model says zero there")
-    observation = FrequencyResponseObservation(
-        conditions, frequency, measured.response, 0.05 * np.abs(measured.response), excitation, response
-    )
-    problem, x, h = ResponseProblem(JOINTS, (observation,), form), TRUTH + 0.03, 3e-6
-    slope = np.array([problem.residuals(x + e) - problem.residuals(x - e) for e in h * np.eye(8)]).T / (2 * h)
-    # 1e-8: rounding of residuals of a few tens, over the step; a joint that plays no part has slopes of exactly 0
-    assert np.all(np.abs(problem.jacobian(x) - slope) <= 1e-5 * np.abs(slope).max(axis=0) + 1e-8 * slope.any(axis=0))
+def test_jacobian_is_the_slope_of_the_residuals_at_all_points(subtests):
+    for form, (excitation, response) in itertools.product(
+        ResidualForm, [(e, r) for e in ExcitationPoint for r in ResponsePoint]
+    ):
+        with subtests.test(form=form, excitation=excitation):
+            frequency, conditions = np.linspace(15.0, 900.0, 150), DriveConditions(0.7)
+            measured = ReceptanceModel(replace(AXIS, nut_stiffness=8e8)).frequency_response(
+                frequency, conditions, excitation=excitation, response=response
+            )
+            if not np.any(measured.response):
+                pytest.skip("the model says zero there")
+            observation = FrequencyResponseObservation(
+                conditions, frequency, measured.response, 0.05 * np.abs(measured.response), excitation, response
+            )
+            problem, x, h = ResponseProblem(JOINTS, (observation,), form), TRUTH + 0.03, 3e-6
+            slope = np.array([problem.residuals(x + e) - problem.residuals(x - e) for e in h * np.eye(8)]).T / (2 * h)
+            # 1e-8: rounding of residuals of a few tens, over the step; of a joint that plays no part slopes are 0
+            assert np.all(
+                np.abs(problem.jacobian(x) - slope) <= 1e-5 * np.abs(slope).max(axis=0) + 1e-8 * slope.any(axis=0)
+            )
 
 
 def test_at_its_own_joints_a_response_leaves_nothing():
@@ -123,7 +125,6 @@ def test_at_its_own_joints_a_response_leaves_nothing():
             assert np.max(np.abs(ResponseProblem(JOINTS, (observation,), form).residuals(TRUTH))) < 1e-9
 
 
-@pytest.mark.release
 def test_both_forms_are_one_near_the_truth(exact):
     rng = np.random.default_rng(4)
     observations = simulated.noisy(exact, rng, noise=1e-4)

@@ -121,6 +121,7 @@ def one_effect(size: float, **changes):
     return case, detectability(case, BENCH.recorder, FORM)
 
 
+@pytest.mark.release
 def test_d_prime_of_what_a_tolerance_takes_up_is_how_many_tolerances_that_is() -> None:
     """A mass on the table is a table that is heavier: at most (size/tolerance), whatever the noise."""
     case, of_two = one_effect(0.01 * Situation().machine.parts.table_mass)
@@ -131,6 +132,7 @@ def test_d_prime_of_what_a_tolerance_takes_up_is_how_many_tolerances_that_is() -
     assert 4.0 * of_two < of_ten <= 10.1
 
 
+@pytest.mark.release
 def test_what_is_alike_in_all_settings_is_not_seen_better_in_more_of_them() -> None:
     """A delay turns every response alike, and so may the form of a model, whose error all settings share."""
     found = {}

@@ -93,21 +93,22 @@ def test_units_go_with_mass_frequency_and_length() -> None:
 
 
 @each_machine
-@pytest.mark.parametrize("name", DESIGNS)
-def test_designs_fit_the_screw_and_avoid_the_lead(machine, name) -> None:
-    settings = DESIGNS[name](machine, np.random.default_rng(1))
-    length, lead = machine.parts.screw_length, machine.parts.screw_lead
-    places = np.array([setting.position for setting in settings])
-    assert np.all((places > 0.05 * length) & (places < 0.95 * length))
-    within = places % lead / lead
-    assert np.all((within > 0.02) & (within < 0.98))
-    assert np.ptp(within) > 0.3
-    assert [setting.order for setting in settings] == sorted(setting.order for setting in settings)
-    assert len(settings) == {"rich": 31, "usual": 21, "poor": 12}[name]
-    varied = {setting.payload for setting in settings}, {setting.excitation_rms for setting in settings}
-    assert [len(values) for values in varied] == {"rich": [2, 3], "usual": [2, 2], "poor": [1, 1]}[name]
-    again = DESIGNS[name](machine, np.random.default_rng(2))
-    assert settings != again
+def test_designs_fit_the_screw_and_avoid_the_lead(machine, subtests: pytest.Subtests) -> None:
+    for name in DESIGNS:
+        with subtests.test(name=name):
+            settings = DESIGNS[name](machine, np.random.default_rng(1))
+            length, lead = machine.parts.screw_length, machine.parts.screw_lead
+            places = np.array([setting.position for setting in settings])
+            assert np.all((places > 0.05 * length) & (places < 0.95 * length))
+            within = places % lead / lead
+            assert np.all((within > 0.02) & (within < 0.98))
+            assert np.ptp(within) > 0.3
+            assert [setting.order for setting in settings] == sorted(setting.order for setting in settings)
+            assert len(settings) == {"rich": 31, "usual": 21, "poor": 12}[name]
+            varied = {setting.payload for setting in settings}, {setting.excitation_rms for setting in settings}
+            assert [len(values) for values in varied] == {"rich": [2, 3], "usual": [2, 2], "poor": [1, 1]}[name]
+            again = DESIGNS[name](machine, np.random.default_rng(2))
+            assert settings != again
 
 
 @each_machine

@@ -14,6 +14,7 @@ from monitor_core.models.extended import ExtendedModel, ResponseCase, prepare_li
 from monitor_core.models.protocol import ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.model_file import parse_model, read_model_file
+from tests.conftest import canary
 from tests.hidden_effects import truth
 from tests.hidden_effects.cases import FAMILIES, all_kinds, baseline_text, design, draw_case
 from tests.hidden_effects.frf_file import observations, stated_conditions, write_case
@@ -237,8 +238,7 @@ def test_every_hidden_field_is_looked_at():
     assert set(FELT) | IN_TIME | ON_LINES == {item.name for item in fields(Hidden)}
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("field", FELT)
+@pytest.mark.parametrize("field", canary(FELT))
 def test_a_mechanism_changes_the_response_and_vanishes_with_its_size(field, monkeypatch):
     if field == "screw_loss_factor":  # it stands in the place of what the steel loses otherwise
         monkeypatch.setattr("tests.hidden_effects.truth.finite_elements.SCREW_LOSS_TIME", 0.0)
@@ -327,6 +327,7 @@ def test_friction_stops_a_drive_or_slows_it_to_its_terminal_speed(share):
     assert np.ptp(late) > 1e-3 or share < 1.0
 
 
+@pytest.mark.release
 def test_what_the_torque_puts_in_friction_and_dampers_take_out():
     """Over a long time: mean of T ω = c ω² + i² c_t ω² + i F |ω| in a rigid drive."""
     parts, friction = replace(RIGID, table_damping=100.0, motor_damping=1e-3), 15.0
@@ -456,8 +457,7 @@ LINEAR = [
 ]
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("kind", ["none", *LINEAR])
+@pytest.mark.parametrize("kind", canary(["none", *LINEAR]))
 def test_the_model_under_test_agrees_where_nothing_is_missing(kind):
     """At the true parts and with the effect of the true size: median below 900 Hz, away from zeros of the response."""
     model = ExtendedModel.of(parse_model(baseline_text(Parts(), "receptance"), "baseline").build().parameters)
@@ -478,8 +478,7 @@ def test_the_model_under_test_agrees_where_nothing_is_missing(kind):
     assert np.median(error[1][:, LINES > 900.0]) < 0.004
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", canary(FAMILIES))
 def test_a_case_is_written_as_files_that_the_product_reads(family, tmp_path):
     case = draw_case("added-mass", "small", seed=3, family=family)
     responses_file, baseline_file = write_case(case, tmp_path)

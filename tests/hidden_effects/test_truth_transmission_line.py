@@ -299,9 +299,8 @@ SOFTER = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("mechanism", "parts", "setting"),
-    [
+def test_what_only_changes_a_part_is_that_part_changed(subtests):
+    for mechanism, parts, setting in [
         ({"added_mass": 2.0}, {"table_mass": PARTS.table_mass + 2.0}, {}),
         ({"payload_error": 0.8}, {}, {"payload": 6.8}),
         ({"far_bearing_stiffness": 4e7}, {"far_bearing_stiffness": 4e7}, {}),
@@ -312,12 +311,13 @@ SOFTER = {
         ({"periodic_preload": 0.2, "periodic_phase": 2.0 * math.pi * 0.31 / 0.006}, {}, {"preload": 240.0}),
         ({"position_offset": 0.02}, {}, {"position": 0.33}),
         ({"preload_drift": 0.2}, {}, {"preload": 172.0}),
-    ],
-)
-def test_what_only_changes_a_part_is_that_part_changed(mechanism, parts, setting):
-    other = frequency_response(Axis(parts=replace(PARTS, **parts)), replace(LOADED, **setting), FREQUENCY)
-    for response, expected in zip(frequency_response(hidden(**mechanism), LOADED, FREQUENCY), other, strict=True):
-        assert response == pytest.approx(expected, rel=1e-9)
+    ]:
+        with subtests.test(mechanism=mechanism, parts=parts):
+            other = frequency_response(Axis(parts=replace(PARTS, **parts)), replace(LOADED, **setting), FREQUENCY)
+            for response, expected in zip(
+                frequency_response(hidden(**mechanism), LOADED, FREQUENCY), other, strict=True
+            ):
+                assert response == pytest.approx(expected, rel=1e-9)
 
 
 def test_payload_error_needs_a_payload():
@@ -381,6 +381,7 @@ def test_nut_that_is_soft_at_any_deflection_is_a_linear_nut():
     assert distance(healthy[0], linear[0]) > 0.1
 
 
+@pytest.mark.release
 def test_block_that_slides_on_a_rough_table_stops_and_stays():
     """The velocity is v₀ − F t/m until it rests, after m v₀/F, wherever in a step that is."""
     step, mass, level, speed = 1e-3, 2.0, 5.0, 0.31237

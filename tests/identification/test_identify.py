@@ -119,7 +119,6 @@ def published(watched: tuple[JointFit, PeakCase, list[tuple[int, int]]]) -> Join
     return watched[0]
 
 
-@pytest.mark.release
 def test_stiffness_that_published_peaks_determine(published: JointFit) -> None:
     joints = dict(zip(published.fit.names, 10.0**published.fit.coordinates.values, strict=True))
     assert 6.0e8 < joints["nut_stiffness_n_per_m"] < 7.5e8
@@ -128,7 +127,6 @@ def test_stiffness_that_published_peaks_determine(published: JointFit) -> None:
     assert not published.leave_one_out
 
 
-@pytest.mark.release
 def test_what_published_peaks_leave_open(published: JointFit) -> None:
     verdict = {coordinate.name: coordinate.verdict for coordinate in published.judged.coordinates}
     assert verdict["nut_damping_ns_per_m"] is Verdict.NOT_DETERMINED
@@ -142,7 +140,6 @@ def test_what_published_peaks_leave_open(published: JointFit) -> None:
     )
 
 
-@pytest.mark.release
 def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: JointFit) -> None:
     # the paper states 2.95 % (order 4 at 1900 mm); it prints order 1 there as 23 Hz
     worst = published.worst_held_out
@@ -246,7 +243,6 @@ def test_a_limit_without_end_is_refused() -> None:
 # --- progress, cancel, repetition
 
 
-@pytest.mark.release
 def test_progress_never_falls_and_ends_at_its_total(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:

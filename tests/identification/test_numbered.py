@@ -58,8 +58,8 @@ def assert_the_same_optimum(found: JointFit, expected: JointFit) -> None:
 
 
 @pytest.mark.release
-@pytest.mark.parametrize("signs", [(1, 1, -1, -1, 1, -1, 1, 1), (-1, 1, 1, 1, -1, -1, 1, -1)])
-def test_joints_off_by_a_factor_of_five_lead_to_the_same_optimum(from_near: JointFit, signs: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("signs", [[1, 1, -1, -1, 1, -1, 1, 1], [-1, 1, 1, 1, -1, -1, 1, -1]])
+def test_joints_off_by_a_factor_of_five_lead_to_the_same_optimum(from_near: JointFit, signs: list[int]) -> None:
     drive = off_by_five(*signs)
     with pytest.raises(NotIdentifiableError):  # which is all that was said
         assigned_peaks(drive, TABLE)

@@ -1,5 +1,6 @@
 """A measurement as a whole: what it is made from, what it refuses, and what it says."""
 
+import itertools
 import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -240,11 +241,13 @@ def test_a_fit_that_the_lines_cut_short_says_so():
     assert not any("were wanted" in warning for warning in wide.warnings)
 
 
-@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
-@pytest.mark.parametrize("name", ["position", "payload_mass", "temperature", "preload"])
-def test_conditions_must_be_finite(name, value):
-    with pytest.raises(InvalidWindowError, match=f"{name} must be finite"):
-        Conditions(**({"position": 0.4} | {name: value}))
+def test_conditions_must_be_finite(subtests):
+    for value, name in itertools.product(
+        [math.inf, -math.inf, math.nan], ["position", "payload_mass", "temperature", "preload"]
+    ):
+        refused = pytest.raises(InvalidWindowError, match=f"{name} must be finite")
+        with subtests.test(value=value, name=name), refused:
+            Conditions(**({"position": 0.4} | {name: value}))
 
 
 def test_strong_and_weak_windows_are_not_outlying():

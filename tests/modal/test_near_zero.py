@@ -1,5 +1,7 @@
 """Modes so low, or so damped, that the fit reaches 0 Hz: a right answer or a named refusal, never a traceback."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -46,37 +48,36 @@ def assert_right_or_refused(answer, modes):
     assert nearest <= 1.5 * half_width, (frequency, modes)
 
 
-@pytest.mark.parametrize("rate", [200.0, 500.0, 2000.0])
-@pytest.mark.parametrize(("seconds", "damping"), [(2.0, 0.05), (4.0, 0.02), (4.0, 0.05)])
-def test_a_mode_at_7_hz_is_found(rate, seconds, damping):
-    # a second mode was started at the line at 0 Hz, where it is 0/0, and the fit ended in a traceback
-    answer = measured([(7.0, damping, 1.0)], rate, int(rate * seconds), (2.0, 60.0))
-    assert isinstance(answer, ModalMeasurement)
-    assert answer.mode.frequency.value == pytest.approx(7.0, rel=2e-3)
-    assert answer.mode.damping_ratio.value == pytest.approx(damping, rel=0.05)
+def test_a_mode_at_7_hz_is_found(subtests):
+    for rate, (seconds, damping) in itertools.product([200.0, 500.0, 2000.0], [(2.0, 0.05), (4.0, 0.02), (4.0, 0.05)]):
+        with subtests.test(rate=rate, seconds=seconds):
+            # a second mode was started at the line at 0 Hz, where it is 0/0, and the fit ended in a traceback
+            answer = measured([(7.0, damping, 1.0)], rate, int(rate * seconds), (2.0, 60.0))
+            assert isinstance(answer, ModalMeasurement)
+            assert answer.mode.frequency.value == pytest.approx(7.0, rel=2e-3)
+            assert answer.mode.damping_ratio.value == pytest.approx(damping, rel=0.05)
 
 
-@pytest.mark.parametrize("rate", [500.0, 1000.0, 2000.0])
-@pytest.mark.parametrize("seconds", [1.0, 2.0])
-@pytest.mark.parametrize("gain", [0.8, -0.8])
-def test_modes_at_50_and_75_hz_with_14_percent_are_told_apart_or_refused(rate, seconds, gain):
-    modes = [(50.0, 0.14, 1.0), (75.0, 0.14, gain)]
-    assert_right_or_refused(measured(modes, rate, int(rate * seconds), (20.0, 150.0)), modes)
+def test_modes_at_50_and_75_hz_with_14_percent_are_told_apart_or_refused(subtests):
+    for rate, seconds, gain in itertools.product([500.0, 1000.0, 2000.0], [1.0, 2.0], [0.8, -0.8]):
+        with subtests.test(rate=rate, seconds=seconds):
+            modes = [(50.0, 0.14, 1.0), (75.0, 0.14, gain)]
+            assert_right_or_refused(measured(modes, rate, int(rate * seconds), (20.0, 150.0)), modes)
 
 
-@pytest.mark.parametrize("n_samples", [256, 1000, 2000])
-@pytest.mark.parametrize("place", [2, 3, 8, 30, None])
-@pytest.mark.parametrize("damping", [0.002, 0.03, 0.14, 0.2])
-@pytest.mark.parametrize("second", [0.0, 0.8, -0.8])
-def test_every_mode_from_two_lines_to_two_fifths_of_nyquist_is_right_or_refused(n_samples, place, damping, second):
-    rate = 1000.0
-    resolution = rate / n_samples
-    f0 = 0.2 * rate if place is None else place * resolution
-    if f0 > 0.2 * rate:
-        pytest.skip("above two fifths of the Nyquist frequency")
-    modes = [(f0, damping, 1.0), (1.5 * f0, damping, second)][: 2 if second else 1]
-    band = (max(0.6 * f0, 0.51 * resolution), min(2.2 * f0 + 3.0 * resolution, 0.45 * rate))
-    assert_right_or_refused(measured(modes, rate, n_samples, band, seed=n_samples), modes)
+def test_every_mode_from_two_lines_to_two_fifths_of_nyquist_is_right_or_refused(subtests):
+    for n_samples, place, damping, second in itertools.product(
+        [256, 1000, 2000], [2, 3, 8, 30, None], [0.002, 0.03, 0.14, 0.2], [0.0, 0.8, -0.8]
+    ):
+        with subtests.test(n_samples=n_samples, place=place):
+            rate = 1000.0
+            resolution = rate / n_samples
+            f0 = 0.2 * rate if place is None else place * resolution
+            if f0 > 0.2 * rate:
+                pytest.skip("above two fifths of the Nyquist frequency")
+            modes = [(f0, damping, 1.0), (1.5 * f0, damping, second)][: 2 if second else 1]
+            band = (max(0.6 * f0, 0.51 * resolution), min(2.2 * f0 + 3.0 * resolution, 0.45 * rate))
+            assert_right_or_refused(measured(modes, rate, n_samples, band, seed=n_samples), modes)
 
 
 def test_the_line_at_0_hz_is_no_datum_of_a_fit():

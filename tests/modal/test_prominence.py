@@ -1,10 +1,11 @@
 """Peaks and their prominences are those of SciPy, whatever the values are."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.signal
 
-from monitor_core.arrays import FloatArray
 from monitor_core.modal.averaging import prominent_peaks
 
 _RNG = np.random.default_rng(7)
@@ -23,10 +24,10 @@ _CASES = {
 }
 
 
-@pytest.mark.parametrize("values", list(_CASES.values()), ids=list(_CASES))
-@pytest.mark.parametrize("least", [0.0, 0.1, 2.5])
-def test_peaks_and_prominences_are_those_of_scipy(values: FloatArray, least: float) -> None:
-    expected, properties = scipy.signal.find_peaks(values, prominence=least)
-    peaks, prominences = prominent_peaks(values, least)
-    np.testing.assert_array_equal(peaks, expected)
-    np.testing.assert_array_equal(prominences, properties["prominences"])
+def test_peaks_and_prominences_are_those_of_scipy(subtests: pytest.Subtests) -> None:
+    for values, least in itertools.product(list(_CASES.values()), [0.0, 0.1, 2.5]):
+        with subtests.test(values=values, least=least):
+            expected, properties = scipy.signal.find_peaks(values, prominence=least)
+            peaks, prominences = prominent_peaks(values, least)
+            np.testing.assert_array_equal(peaks, expected)
+            np.testing.assert_array_equal(prominences, properties["prominences"])

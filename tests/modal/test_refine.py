@@ -7,6 +7,7 @@ import scipy.stats
 from monitor_core.modal import fit_modes
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.spectral import BandSpectra, band_spectra, cross_spectra, estimate_frf
+from tests.conftest import canary
 from tests.modal.simulated_axis import (
     BAND,
     FREQUENCY,
@@ -147,8 +148,7 @@ TWO_MODES = [
 ]
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("modes", TWO_MODES)
+@pytest.mark.parametrize("modes", canary(TWO_MODES))
 def test_two_modes_are_seen_as_two_and_the_first_is_unbiased(modes):
     fits = fits_of(11, 25, modes, 20)
     assert all(len(fit.modes) == 2 for fit in fits)
@@ -169,7 +169,6 @@ def test_a_weak_mode_or_one_beyond_the_band_is_at_least_not_ignored(other):
     assert abs(np.mean(errors_in_sigma(fits))) < 1.1
 
 
-@pytest.mark.release
 def test_one_mode_is_seen_as_one():
     fits = fits_of(12, 100, [(175.0, 0.02, 1.0)], 20)
     assert sum(len(fit.modes) == 1 for fit in fits) == 100

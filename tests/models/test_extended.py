@@ -1,5 +1,6 @@
 """The extended drive: each family's own model where nothing is added, and what every added effect must obey."""
 
+import itertools
 import math
 from dataclasses import fields, replace
 
@@ -81,46 +82,54 @@ def everywhere(physics):
 # --- nothing added: the families -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("excitation", "response"), PAIRS)
-@pytest.mark.parametrize("family", ["lumped", "receptance"])
-def test_with_nothing_added_it_is_the_family(family, excitation, response) -> None:
-    model = bundled(family)
-    if family == "lumped" and (excitation, response) == (FORCE, MOTOR):
-        case = case_of(model.parameters, BAND, EVERYTHING, excitation, response)
-        with pytest.raises(OutsideValidityError, match="clamped for this excitation"):
-            prepare_lines([case])
-        return
-    damped = replace(model.parameters, loss_factor=0.04, table_damping=90.0)
-    if family == "receptance":
-        damped = replace(damped, bracket_stiffness=3e8, motor_damping=0.01, nut_mass=2.0, coupling_inertia=1e-4)
-    for share in (0.1, 0.45, 0.8):
-        conditions = conditions_of(damped, share, payload_mass=4.0)
-        theirs = type(model)(damped).frequency_response(BAND, conditions, excitation=excitation, response=response)
-        ours = response_of(physics_of(damped), case_of(damped, BAND, conditions, excitation, response))
-        np.testing.assert_allclose(ours, theirs.response, rtol=1e-9)
+def test_with_nothing_added_it_is_the_family(subtests: pytest.Subtests) -> None:
+    for (excitation, response), family in itertools.product(PAIRS, ["lumped", "receptance"]):
+        with subtests.test(excitation=excitation, response=response):
+            model = bundled(family)
+            if family == "lumped" and (excitation, response) == (FORCE, MOTOR):
+                case = case_of(model.parameters, BAND, EVERYTHING, excitation, response)
+                with pytest.raises(OutsideValidityError, match="clamped for this excitation"):
+                    prepare_lines([case])
+                return
+            damped = replace(model.parameters, loss_factor=0.04, table_damping=90.0)
+            if family == "receptance":
+                damped = replace(damped, bracket_stiffness=3e8, motor_damping=0.01, nut_mass=2.0, coupling_inertia=1e-4)
+            for share in (0.1, 0.45, 0.8):
+                conditions = conditions_of(damped, share, payload_mass=4.0)
+                theirs = type(model)(damped).frequency_response(
+                    BAND, conditions, excitation=excitation, response=response
+                )
+                ours = response_of(physics_of(damped), case_of(damped, BAND, conditions, excitation, response))
+                np.testing.assert_allclose(ours, theirs.response, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("excitation", "response"), PAIRS)
-def test_transmission_line_to_its_discretisation(excitation, response) -> None:
+def test_transmission_line_to_its_discretisation(subtests: pytest.Subtests) -> None:
     """Its stubs turn a frequency by (ωΔt)²/12; beside resonances and zeros 1 ppm of frequency is a few of response."""
-    model = bundled("transmission-line")
-    conditions, frequency = conditions_of(model.parameters), np.array([20.0, 60.0, 100.0])
-    theirs = model.frequency_response(frequency, conditions, excitation=excitation, response=response)
-    ours = response_of(
-        physics_of(model.parameters), case_of(model.parameters, frequency, conditions, excitation, response)
-    )
-    np.testing.assert_allclose(ours, theirs.response, rtol=1e-5)
+    for excitation, response in PAIRS:
+        with subtests.test(excitation=excitation, response=response):
+            model = bundled("transmission-line")
+            conditions, frequency = conditions_of(model.parameters), np.array([20.0, 60.0, 100.0])
+            theirs = model.frequency_response(frequency, conditions, excitation=excitation, response=response)
+            ours = response_of(
+                physics_of(model.parameters), case_of(model.parameters, frequency, conditions, excitation, response)
+            )
+            np.testing.assert_allclose(ours, theirs.response, rtol=1e-5)
 
 
-@pytest.mark.parametrize(("excitation", "response"), PAIRS)
-def test_hybrid_is_met_where_the_screw_deforms_as_if_at_rest(excitation, response) -> None:
+def test_hybrid_is_met_where_the_screw_deforms_as_if_at_rest(subtests: pytest.Subtests) -> None:
     """Without density the screw has no other shape; all else of the family must have been carried over."""
-    model = bundled("hybrid")
-    light = replace(model.parameters, density=1e-3, bracket_stiffness=2e8, table_damping=50.0, dynamic_load_rating=9e3)
-    conditions, frequency = conditions_of(light, payload_mass=2.0), np.geomspace(1.0, 400.0, 60)
-    theirs = type(model)(light).frequency_response(frequency, conditions, excitation=excitation, response=response)
-    ours = response_of(physics_of(light), case_of(light, frequency, conditions, excitation, response))
-    np.testing.assert_allclose(ours, theirs.response, rtol=2e-5)
+    for excitation, response in PAIRS:
+        with subtests.test(excitation=excitation, response=response):
+            model = bundled("hybrid")
+            light = replace(
+                model.parameters, density=1e-3, bracket_stiffness=2e8, table_damping=50.0, dynamic_load_rating=9e3
+            )
+            conditions, frequency = conditions_of(light, payload_mass=2.0), np.geomspace(1.0, 400.0, 60)
+            theirs = type(model)(light).frequency_response(
+                frequency, conditions, excitation=excitation, response=response
+            )
+            ours = response_of(physics_of(light), case_of(light, frequency, conditions, excitation, response))
+            np.testing.assert_allclose(ours, theirs.response, rtol=2e-5)
 
 
 @pytest.mark.parametrize("motor_end", [MotorEnd.FREE, MotorEnd.PRESCRIBED])
@@ -163,32 +172,34 @@ def test_every_effect_is_under_test() -> None:
     assert covered == {item.name for item in fields(AddedPhysics)}
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_an_effect_is_absent_at_its_null_value_whatever_belongs_to_it(effect) -> None:
-    null = AddedPhysics.__dataclass_fields__[effect].default
-    absent = everywhere(add(physics_of(LUMPED), **EFFECTS[effect] | {effect: null}))
-    np.testing.assert_allclose(absent, everywhere(physics_of(LUMPED)), rtol=1e-12)
+def test_an_effect_is_absent_at_its_null_value_whatever_belongs_to_it(subtests: pytest.Subtests) -> None:
+    for effect, case in EFFECTS.items():
+        with subtests.test(effect=effect):
+            null = AddedPhysics.__dataclass_fields__[effect].default
+            absent = everywhere(add(physics_of(LUMPED), **case | {effect: null}))
+            np.testing.assert_allclose(absent, everywhere(physics_of(LUMPED)), rtol=1e-12)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_an_effect_fades_into_its_null_value(effect) -> None:
+def test_an_effect_fades_into_its_null_value(subtests: pytest.Subtests) -> None:
     """No jump on the way: a millionth of a value that shows does (almost) nothing, and the value itself shows."""
-    physics, size = physics_of(LUMPED), EFFECTS[effect][effect]
-    plain = everywhere(physics)
-    full, faint = (
-        np.max(np.abs(everywhere(add(physics, **EFFECTS[effect] | {effect: scale * size})) / plain - 1.0))
-        for scale in (1.0, 1e-6)
-    )
-    assert full > 1e-4
-    # the damping of a mounting grows with the square root of its inverse square
-    assert faint < (1e-3 if effect == "mounting_inverse_square" else 1e-5) * max(full, 1.0)
+    for effect, case in EFFECTS.items():
+        with subtests.test(effect=effect):
+            physics, size = physics_of(LUMPED), case[effect]
+            plain = everywhere(physics)
+            full, faint = (
+                np.max(np.abs(everywhere(add(physics, **case | {effect: scale * size})) / plain - 1.0))
+                for scale in (1.0, 1e-6)
+            )
+            assert full > 1e-4
+            # the damping of a mounting grows with the square root of its inverse square
+            assert faint < (1e-3 if effect == "mounting_inverse_square" else 1e-5) * max(full, 1.0)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_what_is_not_finite_is_refused(effect, value) -> None:
-    with pytest.raises(OutsideValidityError, match=f"{effect} must be finite"):
-        AddedPhysics(**{effect: value})
+def test_what_is_not_finite_is_refused(subtests: pytest.Subtests) -> None:
+    for value, effect in itertools.product([math.nan, math.inf], EFFECTS):
+        refused = pytest.raises(OutsideValidityError, match=f"{effect} must be finite")
+        with subtests.test(value=value, effect=effect), refused:
+            AddedPhysics(**{effect: value})
 
 
 #: Effects of the channels are no part of the axis; two effects act on a preload that only one family's axis follows.
@@ -200,12 +211,19 @@ OF_THE_AXIS = [name for name in EFFECTS if name not in OF_THE_CHANNELS]
 ON_THE_PRELOAD = {"preload_exponent_change", "thermal_preload", "preload_change"}
 
 
-@pytest.mark.parametrize(
-    ("family", "effect"),
-    [(family, name) for family in FAMILIES for name in OF_THE_AXIS if family == "lumped" or name not in ON_THE_PRELOAD],
-)
-def test_passivity_and_reciprocity_with_every_effect(family, effect) -> None:
+def test_passivity_and_reciprocity_with_every_effect(subtests: pytest.Subtests) -> None:
     """Driving points take energy at every frequency; table per torque is angle per force (Maxwell, Betti)."""
+    for family, effect in [
+        (family, name)
+        for family in FAMILIES
+        for name in OF_THE_AXIS
+        if family == "lumped" or name not in ON_THE_PRELOAD
+    ]:
+        with subtests.test(family=family, effect=effect):
+            assert_passive_and_reciprocal(family, effect)
+
+
+def assert_passive_and_reciprocal(family, effect) -> None:
     parameters, motor = bundled(family).parameters, ExcitationPoint.TORQUE_AT_MOTOR
     physics = add(physics_of(parameters), **EFFECTS[effect])
 

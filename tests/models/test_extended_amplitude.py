@@ -1,5 +1,6 @@
 """Friction and a hardening nut: the linearised drive against the motion itself, computed step by step."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -284,20 +285,22 @@ def test_the_axis_agrees_with_its_own_motion(excitation, friction_share, cubic_s
     np.testing.assert_allclose(answered, expected, rtol=2e-3)
 
 
-@pytest.mark.parametrize("natural_frequency", [171.0, 172.1, 173.3, 200.0, 420.0])
-@pytest.mark.parametrize("damping_ratio", [0.005, 0.02])
-def test_a_resonance_between_the_lines_is_not_missed(natural_frequency, damping_ratio) -> None:
+def test_a_resonance_between_the_lines_is_not_missed(subtests: pytest.Subtests) -> None:
     """One oscillator under a flat spectrum of unit variance: ∫|jωH|² df = 1/(4 c M); the tails outside are 0.06 %."""
-    physics, omega = nut_alone(), 2.0 * np.pi * natural_frequency
-    joints = replace(physics.joints, nut_stiffness=MASS * omega**2 / 0.8)
-    damping = 2.0 * damping_ratio * omega * MASS
-    physics = damped(replace(physics, joints=joints), damping)
-    frequency = np.geomspace(10.0, 4000.0, 60)  # a tenth apart
-    friction = 1e-4  # [N]; that little damps as if the motion did not know of it
-    with_friction = response(add(physics, guide_friction=friction), 10.0, frequency=frequency)
-    added = ((1.0 / with_friction - 1.0 / response(physics, 10.0, frequency=frequency)) / (2j * np.pi * frequency)).real
-    velocity = 10.0 * np.sqrt(1.0 / (4.0 * damping * MASS * np.ptp(frequency)))
-    assert np.median(added) == pytest.approx(friction * np.sqrt(2.0 / np.pi) / velocity, rel=0.01)
+    for natural_frequency, damping_ratio in itertools.product([171.0, 172.1, 173.3, 200.0, 420.0], [0.005, 0.02]):
+        with subtests.test(natural_frequency=natural_frequency, damping_ratio=damping_ratio):
+            physics, omega = nut_alone(), 2.0 * np.pi * natural_frequency
+            joints = replace(physics.joints, nut_stiffness=MASS * omega**2 / 0.8)
+            damping = 2.0 * damping_ratio * omega * MASS
+            physics = damped(replace(physics, joints=joints), damping)
+            frequency = np.geomspace(10.0, 4000.0, 60)  # a tenth apart
+            friction = 1e-4  # [N]; that little damps as if the motion did not know of it
+            with_friction = response(add(physics, guide_friction=friction), 10.0, frequency=frequency)
+            added = (
+                (1.0 / with_friction - 1.0 / response(physics, 10.0, frequency=frequency)) / (2j * np.pi * frequency)
+            ).real
+            velocity = 10.0 * np.sqrt(1.0 / (4.0 * damping * MASS * np.ptp(frequency)))
+            assert np.median(added) == pytest.approx(friction * np.sqrt(2.0 / np.pi) / velocity, rel=0.01)
 
 
 def test_lines_inside_the_band_do_not_change_the_motion() -> None:

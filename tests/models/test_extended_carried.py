@@ -110,7 +110,7 @@ def test_an_accelerometer_on_the_nut_knows_its_mass_already() -> None:
     assert not np.allclose(answer(add(physics, nut_mass=2.0), TORQUE, NUT), answer(physics, TORQUE, NUT), rtol=1e-3)
 
 
-@pytest.mark.parametrize("loss_factor", [0.002, 0.05])
+@pytest.mark.parametrize("loss_factor", [0.002, pytest.param(0.05, marks=pytest.mark.release)])
 def test_damping_ratio_of_a_free_bar_is_half_the_loss_factor_of_its_steel(loss_factor) -> None:
     r"""Of :math:`M s^2 + K (s/\omega_0)^\gamma = 0` it is −cos(π/(2 − γ)), γ = 2/π arctan η; η/2 for a small η.
 

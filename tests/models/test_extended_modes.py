@@ -1,6 +1,7 @@
 """Natural frequencies and modes of the extended drive: against the families, against responses, against Table 2."""
 
 import csv
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -186,22 +187,22 @@ def assembled(
     return parts
 
 
-@pytest.mark.parametrize("extra", EXTRAS)
-@pytest.mark.parametrize("family", FAMILIES)
-def test_the_undamped_response_is_largest_at_the_natural_frequencies(family, extra) -> None:
+def test_the_undamped_response_is_largest_at_the_natural_frequencies(subtests: pytest.Subtests) -> None:
     """Ten times as close to a pole, ten times the response."""
-    parameters = bundled(family).parameters
-    physics = add(undamped(physics_of(parameters)), **EXTRAS[extra])
-    conditions = conditions_of(parameters, 0.37)
-    modes = ExtendedModel(parameters, physics, 1500.0).natural_frequencies(conditions, MotorEnd.FREE)
-    held = any(name in EXTRAS[extra] for name in ("guide_stiffness", "servo_stiffness"))
-    assert (modes[0].frequency == 0.0) == (not held)
-    for mode in elastic(modes):
-        case = case_of(
-            parameters, mode[0] * (1.0 + np.array([1e-10, 1e-9])), conditions, ExcitationPoint.FORCE_AT_TABLE
-        )
-        nearer, near = np.abs(response_of(physics, replace(case, motor_end=MotorEnd.FREE)))
-        assert nearer == pytest.approx(10.0 * near, rel=0.01)
+    for extra, family in itertools.product(EXTRAS, FAMILIES):
+        with subtests.test(extra=extra, family=family):
+            parameters = bundled(family).parameters
+            physics = add(undamped(physics_of(parameters)), **EXTRAS[extra])
+            conditions = conditions_of(parameters, 0.37)
+            modes = ExtendedModel(parameters, physics, 1500.0).natural_frequencies(conditions, MotorEnd.FREE)
+            held = any(name in EXTRAS[extra] for name in ("guide_stiffness", "servo_stiffness"))
+            assert (modes[0].frequency == 0.0) == (not held)
+            for mode in elastic(modes):
+                case = case_of(
+                    parameters, mode[0] * (1.0 + np.array([1e-10, 1e-9])), conditions, ExcitationPoint.FORCE_AT_TABLE
+                )
+                nearer, near = np.abs(response_of(physics, replace(case, motor_end=MotorEnd.FREE)))
+                assert nearer == pytest.approx(10.0 * near, rel=0.01)
 
 
 def test_a_nut_in_a_node_loses_no_mode() -> None:

@@ -324,9 +324,8 @@ def test_windows_say_what_was_simulated():
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
+def test_bad_settings_are_refused(subtests):
+    for make, sentence in [
         (lambda: SimulationSettings(windows_per_measurement=0), "windows_per_measurement must be at least 1; got 0"),
         (lambda: SimulationSettings(window_duration=0.0), "window_duration must be positive; got 0.0 s"),
         (lambda: SimulationSettings(sample_rate=float("nan")), "sample_rate must be positive; got nan Hz"),
@@ -340,11 +339,9 @@ def test_windows_say_what_was_simulated():
         (lambda: simulated(replace(QUIET, torque_noise=1e300)), "samples of the torque must fit into single precision"),
         (lambda: simulated(replace(QUIET, acceleration_noise=1e308)), "samples of the acceleration must fit"),
         (lambda: simulated(replace(QUIET, window_duration=0.2)), "of which a window of 0.2 s has 0.04 s to spare"),
-    ],
-)
-def test_bad_settings_are_refused(make, sentence):
-    with pytest.raises(OutsideValidityError, match=re.escape(sentence)):
-        make()
+    ]:
+        with subtests.test(sentence), pytest.raises(OutsideValidityError, match=re.escape(sentence)):
+            make()
 
 
 @pytest.mark.parametrize("per_newton", [GuideFriction(1.0), GuideFriction(0.0, 1.0 / RampMoves().speed)])

@@ -83,6 +83,7 @@ def long_rods():
     return p_spring, drive, step_matrix(drive, *places)
 
 
+@pytest.mark.release
 def test_rod_with_an_inertia_at_its_end_is_within_1_ppm(long_rods):
     # Closed form: K J ω²/(K − J ω²) = −Zω tan ωT, rotor J on a stiff coupling K, far end free.
     p, _, matrix = long_rods

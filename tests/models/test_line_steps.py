@@ -126,6 +126,7 @@ def test_the_paper_s_hold_loses_a_little_and_never_gains():
     assert 1e-9 < 1.0 - energy[-1] / energy[0] < 1e-3
 
 
+@pytest.mark.release
 @needs_compiler
 def test_the_paper_s_hold_at_1_microsecond_loses_less_than_a_millionth_in_200_000_steps():
     parameters = shaft(bracket_stiffness=9e8, **UNDAMPED)

@@ -17,10 +17,7 @@ from monitor_core.models.motion import (
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from tests.models.extended_axes import bundled
 from tests.models.simulated_motion import Motion
-from tests.service import test_cli
 from tests.service.test_cli import assert_refused
-
-preload = test_cli.preload  # a fixture
 
 STATED = {"moving_mass_kg": 95.0, "viscous_friction_ns_per_m": 200.0}
 FILE = AxisDescription(

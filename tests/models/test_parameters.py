@@ -47,9 +47,8 @@ def test_names_of_a_file_make_the_record_and_come_back() -> None:
     assert "bracket_stiffness_n_per_m" not in back
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
+def test_what_does_not_fit_is_refused_in_one_sentence(subtests: pytest.Subtests) -> None:
+    for changes, said in [
         ({"table_mass": 10.0}, "a hybrid model has no parameter table_mass; it has .*table_mass_kg"),
         ({"screw_mass_kg": 1.0}, "a hybrid model has no parameter screw_mass_kg"),
         ({"table_mass_kg": 0.0}, "table_mass_kg must be positive and finite; got 0.0 kg"),
@@ -60,11 +59,9 @@ def test_names_of_a_file_make_the_record_and_come_back() -> None:
         ({"screw_lead_m": 1e-200}, "screw_lead_m must lie within 1e-06 and 1000 m; got 1e-200"),
         ({"loss_factor": 5.0}, "loss_factor must lie within 0 and 0.9; got 5"),
         ({"loss_factor": math.inf}, "loss_factor must be finite and not negative; got inf$"),
-    ],
-)
-def test_what_does_not_fit_is_refused_in_one_sentence(changes: dict[str, float], said: str) -> None:
-    with pytest.raises(OutsideValidityError, match=said):
-        HybridParameters.from_file_names(STATED | changes, "hybrid")
+    ]:
+        with subtests.test(changes=changes, said=said), pytest.raises(OutsideValidityError, match=said):
+            HybridParameters.from_file_names(STATED | changes, "hybrid")
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)

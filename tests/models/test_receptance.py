@@ -76,14 +76,14 @@ def axis_of(parameters, motor_end, payload=0.0):
 # --- authorities: the paper's matrices, finite elements
 
 
-@pytest.mark.parametrize("motor_end", MotorEnd)
-@pytest.mark.parametrize("position", [0.3, 0.6, 1.3, 1.9, 2.5])
-def test_closed_form_equals_coupled_matrices(paper, full, position, motor_end):
-    conditions = DriveConditions(position, payload_mass=25.0)
-    for parameters in (paper, full):
-        coupled = drive_receptance(parameters, OMEGA, conditions, motor_end)
-        closed = closed_form(parameters, OMEGA, conditions, motor_end)
-        np.testing.assert_allclose(closed, coupled[:, 0, 0], rtol=1e-10)
+def test_closed_form_equals_coupled_matrices(paper, full, subtests):
+    for motor_end, position in itertools.product(MotorEnd, [0.3, 0.6, 1.3, 1.9, 2.5]):
+        with subtests.test(motor_end=motor_end, position=position):
+            conditions = DriveConditions(position, payload_mass=25.0)
+            for parameters in (paper, full):
+                coupled = drive_receptance(parameters, OMEGA, conditions, motor_end)
+                closed = closed_form(parameters, OMEGA, conditions, motor_end)
+                np.testing.assert_allclose(closed, coupled[:, 0, 0], rtol=1e-10)
 
 
 @pytest.mark.release

@@ -133,9 +133,8 @@ def _without(key: str) -> Callable[[dict[str, Any]], object]:
     return lambda d: {k: v for k, v in d.items() if k != key}
 
 
-@pytest.mark.parametrize(
-    ("spoil", "sentence"),
-    [
+def test_what_does_not_fit_is_refused_in_one_sentence(subtests: pytest.Subtests) -> None:
+    for spoil, sentence in [
         (lambda d: [d], "expected a JSON object; got list"),
         (lambda d: d | {"format": "preload-session"}, "format: expected 'preload-calibration'"),
         (lambda d: d | {"version": 2}, "version: expected 1; got 2"),
@@ -159,13 +158,12 @@ def _without(key: str) -> Callable[[dict[str, Any]], object]:
         (lambda d: d | {"phase_reference": {"polarity": 2, "delay_s": 0.0}}, r"polarity must be \+1 or -1; got 2"),
         (lambda d: d | {"n_readings": 17.5}, "n_readings: expected a whole number"),
         (lambda d: d | {"coefficients": d["coefficients"] | {"k3_s2_n13": -1e-5}}, "k3 must be positive"),
-    ],
-)
-def test_what_does_not_fit_is_refused_in_one_sentence(spoil: Callable[[dict[str, Any]], object], sentence: str) -> None:
-    with pytest.raises(RecordingFormatError, match=sentence) as refusal:
-        calibration_from_document(spoil(calibration_document(FULL)), "axis.json")
-    assert str(refusal.value).startswith("axis.json")
-    assert "\n" not in str(refusal.value)
+    ]:
+        with subtests.test(spoil=spoil, sentence=sentence):
+            with pytest.raises(RecordingFormatError, match=sentence) as refusal:
+                calibration_from_document(spoil(calibration_document(FULL)), "axis.json")
+            assert str(refusal.value).startswith("axis.json")
+            assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("text", ["{", "", "\xff\xfe", "NaN", '{"format": NaN}', "[" * 100_000])

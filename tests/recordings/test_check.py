@@ -99,14 +99,14 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_a_bad_file_gets_one_sentence(tmp_path, name):
-    content, expected, sentence = BAD[name]
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    report = check_file(tmp_path / name)
-    assert (report.format, report.valid, len(report.problems)) == (expected, False, 1)
-    assert sentence in report.problems[0]
+def test_a_bad_file_gets_one_sentence(tmp_path, subtests):
+    for name, (content, expected, sentence) in BAD.items():
+        with subtests.test(name=name):
+            if content is not None:
+                (tmp_path / name).write_bytes(content)
+            report = check_file(tmp_path / name)
+            assert (report.format, report.valid, len(report.problems)) == (expected, False, 1)
+            assert sentence in report.problems[0]
 
 
 def test_an_frf_set_is_known_by_name(tmp_path):

@@ -1,6 +1,8 @@
 """FRF sets: exact round trip, files of other writers, and one scenario for each thing that may be wrong."""
 
+import itertools
 import json
+import shutil
 import time
 
 import h5py
@@ -70,24 +72,26 @@ def refusal(path) -> str:
 # ---- round trip ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("excitation", ExcitationPoint)
-@pytest.mark.parametrize("point", ResponsePoint)
-def test_what_is_written_is_read_bit_for_bit(tmp_path, excitation, point):
-    path = tmp_path / "axis.frf.h5"
-    written = FrequencyResponseSet(
-        tuple(
-            response_of(number, conditions, excitation, point, temperature)
-            for number, (conditions, temperature) in enumerate(zip(FIELDS_OF_CONDITIONS, (None, 23.4), strict=True))
-        )
-    )
-    write_frf_set(path, written)
-    back = read_frf_set(path)
-    assert [response.temperature for response in back.measured] == [None, 23.4]
-    for a, b in zip(written.observations, back.observations, strict=True):
-        assert (a.conditions, a.excitation, a.response_point) == (b.conditions, b.excitation, b.response_point)
-        for name in ("frequency", "response", "standard_deviation"):
-            assert getattr(b, name).dtype == getattr(a, name).dtype
-            assert getattr(b, name).tobytes() == getattr(a, name).tobytes()
+def test_what_is_written_is_read_bit_for_bit(tmp_path, subtests):
+    for excitation, point in itertools.product(ExcitationPoint, ResponsePoint):
+        with subtests.test(excitation=excitation, point=point):
+            path = tmp_path / "axis.frf.h5"
+            written = FrequencyResponseSet(
+                tuple(
+                    response_of(number, conditions, excitation, point, temperature)
+                    for number, (conditions, temperature) in enumerate(
+                        zip(FIELDS_OF_CONDITIONS, (None, 23.4), strict=True)
+                    )
+                )
+            )
+            write_frf_set(path, written)
+            back = read_frf_set(path)
+            assert [response.temperature for response in back.measured] == [None, 23.4]
+            for a, b in zip(written.observations, back.observations, strict=True):
+                assert (a.conditions, a.excitation, a.response_point) == (b.conditions, b.excitation, b.response_point)
+                for name in ("frequency", "response", "standard_deviation"):
+                    assert getattr(b, name).dtype == getattr(a, name).dtype
+                    assert getattr(b, name).tobytes() == getattr(a, name).tobytes()
 
 
 def test_conditions_keep_their_order_beyond_four_digits(tmp_path):
@@ -277,14 +281,15 @@ def put(attributes, name, value):
         attributes[name] = value
 
 
-@pytest.mark.parametrize("case", WRONG_ATTRIBUTES)
-def test_a_wrong_attribute_of_a_condition_is_named_with_its_place(frf_file, case):
-    name, value, sentence = WRONG_ATTRIBUTES[case]
-    with h5py.File(frf_file, "r+") as file:
-        put(file[SECOND].attrs, name, value)
-    message = refusal(frf_file)
-    assert sentence in message
-    assert "/conditions/0001" in message
+def test_a_wrong_attribute_of_a_condition_is_named_with_its_place(frf_file, subtests):
+    for case, (name, value, sentence) in WRONG_ATTRIBUTES.items():
+        with subtests.test(case=case):
+            damaged = shutil.copyfile(frf_file, frf_file.with_name("damaged.frf.h5"))
+            with h5py.File(damaged, "r+") as file:
+                put(file[SECOND].attrs, name, value)
+            message = refusal(damaged)
+            assert sentence in message
+            assert "/conditions/0001" in message
 
 
 WRONG_ROOT = {
@@ -398,12 +403,13 @@ WRONG_STRUCTURE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", WRONG_STRUCTURE)
-def test_a_wrong_structure_is_refused(frf_file, case):
-    damage, sentence = WRONG_STRUCTURE[case]
-    with h5py.File(frf_file, "r+") as file:
-        damage(file)
-    assert sentence in refusal(frf_file)
+def test_a_wrong_structure_is_refused(frf_file, subtests):
+    for case, (damage, sentence) in WRONG_STRUCTURE.items():
+        with subtests.test(case=case):
+            damaged = shutil.copyfile(frf_file, frf_file.with_name("damaged.frf.h5"))
+            with h5py.File(damaged, "r+") as file:
+                damage(file)
+            assert sentence in refusal(damaged)
 
 
 def test_temperatures_without_deviations_are_from_their_mean_and_never_mixed_with_others(frf_file):

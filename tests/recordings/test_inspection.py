@@ -131,9 +131,10 @@ NAMES = {
 }
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_names_say_what_a_channel_measures(name):
-    assert (kind_of_name(name), unit_in_name(name)) == NAMES[name]
+def test_names_say_what_a_channel_measures(subtests):
+    for name, case in NAMES.items():
+        with subtests.test(name=name):
+            assert (kind_of_name(name), unit_in_name(name)) == case
 
 
 def test_a_column_without_a_name_that_rises_evenly_looks_like_a_time():
@@ -156,10 +157,10 @@ DOUBTED = {
 }
 
 
-@pytest.mark.parametrize("case", DOUBTED)
-def test_numbers_of_another_quantity_are_doubted_by_name(case):
-    channel, words = DOUBTED[case]
-    assert any(words in doubt for doubt in summary_of(channel).doubts), summary_of(channel).doubts
+def test_numbers_of_another_quantity_are_doubted_by_name(subtests):
+    for case, (channel, words) in DOUBTED.items():
+        with subtests.test(case=case):
+            assert any(words in doubt for doubt in summary_of(channel).doubts), summary_of(channel).doubts
 
 
 SOUND = {

@@ -3,6 +3,7 @@
 The truth is the arrays that the files were written from, by the libraries of the formats.
 """
 
+import itertools
 import re
 import tomllib
 from dataclasses import replace
@@ -309,34 +310,30 @@ def signals_and(**numbers):
     return {"torque": CURRENT, "acc": ACCELERATION, **numbers}
 
 
-@pytest.mark.parametrize(
-    "write",
-    [
-        lambda path, **numbers: scipy.io.savemat(path / "a.mat", {"rec": signals_and(**numbers)}),
-        lambda path, **numbers: scipy.io.savemat(path / "a.mat", signals_and(**numbers), format="4"),
-        lambda path, **numbers: np.savez(path / "a.npz", **signals_and(**numbers)),
-    ],
-    ids=["structure", "version 4", "npz"],
-)
-@pytest.mark.parametrize(
-    ("numbers", "rate"),
-    [
-        ({"Fs": 4096, "gain": 3.0}, 4096.0),
-        ({"sampling_rate": 2048.5}, 2048.5),
-        ({"dt": 1 / 2560}, 2560.0),
-        ({"Fs": 1000, "dt": 1e-3}, 1000.0),
-        ({"Fs": 1000, "dt": 1e-4}, None),
-        ({"Fs": 0.0}, None),
-        ({"Fs": np.nan}, None),
-        ({"gain": 4096.0}, None),
-    ],
-    ids=str,
-)
-def test_a_single_number_that_is_named_so_is_proposed_as_the_rate(tmp_path, write, numbers, rate):
-    write(tmp_path, **numbers)
-    (raw,) = tmp_path.iterdir()
-    window = tomllib.loads(map_text(raw))["window"]
-    assert window.get("sample_rate_hz") == (None if rate is None else pytest.approx(rate, rel=1e-11))
+def test_a_single_number_that_is_named_so_is_proposed_as_the_rate(tmp_path, subtests):
+    for write, (numbers, rate) in itertools.product(
+        [
+            lambda path, **single: scipy.io.savemat(path / "a.mat", {"rec": signals_and(**single)}),
+            lambda path, **single: scipy.io.savemat(path / "a.mat", signals_and(**single), format="4"),
+            lambda path, **single: np.savez(path / "a.npz", **signals_and(**single)),
+        ],
+        [
+            ({"Fs": 4096, "gain": 3.0}, 4096.0),
+            ({"sampling_rate": 2048.5}, 2048.5),
+            ({"dt": 1 / 2560}, 2560.0),
+            ({"Fs": 1000, "dt": 1e-3}, 1000.0),
+            ({"Fs": 1000, "dt": 1e-4}, None),
+            ({"Fs": 0.0}, None),
+            ({"Fs": np.nan}, None),
+            ({"gain": 4096.0}, None),
+        ],
+    ):
+        with subtests.test(write=write, numbers=numbers):
+            write(tmp_path, **numbers)
+            (raw,) = tmp_path.iterdir()
+            window = tomllib.loads(map_text(raw))["window"]
+            raw.unlink()
+            assert window.get("sample_rate_hz") == (None if rate is None else pytest.approx(rate, rel=1e-11))
 
 
 def test_the_rate_of_a_single_number_stands_in_the_report_and_reaches_the_session(tmp_path):

@@ -157,14 +157,14 @@ REFUSED_MAPS = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED_MAPS)
-def test_a_map_that_leaves_doubt_is_refused(tmp_path, case):
-    text, sentence = REFUSED_MAPS[case]
-    (tmp_path / "map.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(RecordingFormatError) as caught:
-        read_channel_map(tmp_path / "map.toml")
-    assert sentence in str(caught.value)
-    assert str(caught.value).startswith("map.toml")
+def test_a_map_that_leaves_doubt_is_refused(tmp_path, subtests):
+    for case, (text, sentence) in REFUSED_MAPS.items():
+        with subtests.test(case=case):
+            (tmp_path / "map.toml").write_text(text, encoding="utf-8")
+            with pytest.raises(RecordingFormatError) as caught:
+                read_channel_map(tmp_path / "map.toml")
+            assert sentence in str(caught.value)
+            assert str(caught.value).startswith("map.toml")
 
 
 TWO_BY_THREE = {"force": np.zeros((2, 3)), "acc": np.zeros((2, 3))}
@@ -193,13 +193,13 @@ REFUSED_FILES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED_FILES)
-def test_a_file_that_does_not_fit_its_map_is_refused(tmp_path, case):
-    text, arrays, sentence = REFUSED_FILES[case]
-    with pytest.raises(RecordingFormatError) as caught:
-        read(tmp_path, text, **arrays)
-    assert sentence in str(caught.value)
-    assert str(caught.value).startswith("hit.npz")
+def test_a_file_that_does_not_fit_its_map_is_refused(tmp_path, subtests):
+    for case, (text, arrays, sentence) in REFUSED_FILES.items():
+        with subtests.test(case=case):
+            with pytest.raises(RecordingFormatError) as caught:
+                read(tmp_path, text, **arrays)
+            assert sentence in str(caught.value)
+            assert str(caught.value).startswith("hit.npz")
 
 
 def test_an_unknown_ending_is_refused(tmp_path):

@@ -1,5 +1,6 @@
 """MATLAB files: structures, version 4 in both byte orders, version 7.3, and what is no channel."""
 
+import itertools
 import struct
 
 import h5py
@@ -37,15 +38,17 @@ def of_version_4(values, name, *, order="<", kind=0) -> bytes:
     return struct.pack(f"{order}5i", code, rows, columns, 0, len(name) + 1) + name.encode() + b"\0" + stored
 
 
-@pytest.mark.parametrize("order", "<>")
-@pytest.mark.parametrize("kind", range(6))
-def test_version_4_is_read_in_both_byte_orders_and_all_types(tmp_path, order, kind):
-    path, values = tmp_path / "a.mat", np.array([[1, 2, 3], [4, 5, 60]])
-    path.write_bytes(of_version_4(values, "x", order=order, kind=kind) + of_version_4(SAMPLES, "y", order=order))
-    channels = mat.read_channels(path)
-    np.testing.assert_array_equal(channels.channel("x").samples, values)
-    np.testing.assert_array_equal(channels.channel("x").samples, scipy.io.loadmat(path)["x"])
-    np.testing.assert_array_equal(channels.channel("y").samples, SAMPLES)
+def test_version_4_is_read_in_both_byte_orders_and_all_types(tmp_path, subtests):
+    for order, kind in itertools.product("<>", range(6)):
+        with subtests.test(order=order, kind=kind):
+            path, values = tmp_path / "a.mat", np.array([[1, 2, 3], [4, 5, 60]])
+            path.write_bytes(
+                of_version_4(values, "x", order=order, kind=kind) + of_version_4(SAMPLES, "y", order=order)
+            )
+            channels = mat.read_channels(path)
+            np.testing.assert_array_equal(channels.channel("x").samples, values)
+            np.testing.assert_array_equal(channels.channel("x").samples, scipy.io.loadmat(path)["x"])
+            np.testing.assert_array_equal(channels.channel("y").samples, SAMPLES)
 
 
 def test_version_4_that_is_cut_off_or_no_matlab_file_is_refused(tmp_path):

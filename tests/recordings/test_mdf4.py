@@ -1,5 +1,6 @@
 """MDF 4 as asammdf writes it: packed in three ways, clocks of the groups, and files that are cut off."""
 
+import itertools
 import struct
 from datetime import UTC, datetime, timedelta, timezone
 
@@ -46,14 +47,16 @@ def mdf_file(tmp_path):
     )
 
 
-@pytest.mark.parametrize("packing", [0, 1, 2])
-@pytest.mark.parametrize("version", ["4.00", "4.10", "4.11"])
-def test_samples_are_what_was_written_in_each_version_and_packing(tmp_path, version, packing):
-    path = written(tmp_path / "a.mf4", [signal(CURRENT, TIMES, "Current", "A")], version=version, packing=packing)
-    channels = mdf4.read_channels(path)
-    assert channels.names == ("time", "Current")
-    np.testing.assert_array_equal(channels.channel("Current").samples, CURRENT)
-    np.testing.assert_array_equal(channels.channel("time").samples, TIMES)
+def test_samples_are_what_was_written_in_each_version_and_packing(tmp_path, subtests):
+    for packing, version in itertools.product([0, 1, 2], ["4.00", "4.10", "4.11"]):
+        with subtests.test(packing=packing, version=version):
+            path = written(
+                tmp_path / "a.mf4", [signal(CURRENT, TIMES, "Current", "A")], version=version, packing=packing
+            )
+            channels = mdf4.read_channels(path)
+            assert channels.names == ("time", "Current")
+            np.testing.assert_array_equal(channels.channel("Current").samples, CURRENT)
+            np.testing.assert_array_equal(channels.channel("time").samples, TIMES)
 
 
 def test_each_group_has_its_clock_and_conversions_are_applied(mdf_file):

@@ -84,14 +84,15 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("text", REFUSED)
-def test_a_table_that_does_not_fit_is_refused_with_row_and_column(tmp_path, text):
-    path = table(tmp_path, text)
-    with pytest.raises(RecordingFormatError) as caught:
-        read_modal_table(path)
-    assert REFUSED[text] in str(caught.value)
-    assert str(caught.value).startswith("table.csv")
-    assert "\n" not in str(caught.value)
+def test_a_table_that_does_not_fit_is_refused_with_row_and_column(tmp_path, subtests):
+    for text, case in REFUSED.items():
+        with subtests.test(text=text):
+            path = table(tmp_path, text)
+            with pytest.raises(RecordingFormatError) as caught:
+                read_modal_table(path)
+            assert case in str(caught.value)
+            assert str(caught.value).startswith("table.csv")
+            assert "\n" not in str(caught.value)
 
 
 def test_text_of_another_encoding_is_refused(tmp_path):

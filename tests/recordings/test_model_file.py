@@ -173,14 +173,14 @@ BAD = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("what", BAD)
-def test_a_bad_file_gets_one_sentence(tmp_path, what):
-    text, sentence = BAD[what]
-    with pytest.raises(RecordingFormatError) as caught:
-        read(tmp_path, text)
-    assert sentence in str(caught.value)
-    assert str(caught.value).startswith("drive.toml")
-    assert "\n" not in str(caught.value)
+def test_a_bad_file_gets_one_sentence(tmp_path, subtests):
+    for what, (text, sentence) in BAD.items():
+        with subtests.test(what=what):
+            with pytest.raises(RecordingFormatError) as caught:
+                read(tmp_path, text)
+            assert sentence in str(caught.value)
+            assert str(caught.value).startswith("drive.toml")
+            assert "\n" not in str(caught.value)
 
 
 def test_a_missing_file_is_refused(tmp_path):

@@ -1,5 +1,6 @@
 """Parquet as pyarrow writes it: types, packings, instants, and tables that would fill the memory."""
 
+import itertools
 from datetime import UTC, datetime
 
 import numpy as np
@@ -19,19 +20,19 @@ def written(tmp_path, columns, **settings):
     return tmp_path / "a.parquet"
 
 
-@pytest.mark.parametrize("packing", ["none", "snappy", "gzip", "zstd", "brotli", "lz4"])
-@pytest.mark.parametrize("version", ["1.0", "2.0"])
-def test_numbers_are_what_was_written_in_each_packing(tmp_path, packing, version):
-    path = written(
-        tmp_path,
-        {"force": FORCE, "count": np.arange(5000, dtype="u2") % 7, "single": FORCE.astype("f4")},
-        compression=packing, data_page_version=version, row_group_size=1700, data_page_size=4096,
-    )  # fmt: skip
-    channels = parquet.read_channels(path)
-    assert channels.names == ("force", "count", "single")
-    np.testing.assert_array_equal(channels.channel("force").samples, FORCE)
-    np.testing.assert_array_equal(channels.channel("count").samples, np.arange(5000) % 7)
-    assert channels.channel("single").samples.dtype == np.float32
+def test_numbers_are_what_was_written_in_each_packing(tmp_path, subtests):
+    for packing, version in itertools.product(["none", "snappy", "gzip", "zstd", "brotli", "lz4"], ["1.0", "2.0"]):
+        with subtests.test(packing=packing, version=version):
+            path = written(
+                tmp_path,
+                {"force": FORCE, "count": np.arange(5000, dtype="u2") % 7, "single": FORCE.astype("f4")},
+                compression=packing, data_page_version=version, row_group_size=1700, data_page_size=4096,
+            )  # fmt: skip
+            channels = parquet.read_channels(path)
+            assert channels.names == ("force", "count", "single")
+            np.testing.assert_array_equal(channels.channel("force").samples, FORCE)
+            np.testing.assert_array_equal(channels.channel("count").samples, np.arange(5000) % 7)
+            assert channels.channel("single").samples.dtype == np.float32
 
 
 @pytest.mark.parametrize(("unit", "per_second"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])

@@ -1,5 +1,6 @@
 """Readers of raw files, each on files built from bytes: one scenario per quirk."""
 
+import itertools
 import struct
 import zipfile
 
@@ -67,12 +68,12 @@ TEXT_REFUSED = {
 }
 
 
-@pytest.mark.parametrize("case", TEXT_REFUSED)
-def test_columns_that_leave_doubt_are_refused(tmp_path, case):
-    text, sentence = TEXT_REFUSED[case]
-    path = tmp_path / "a.csv"
-    path.write_text(text)
-    assert sentence in refusal(columns.read_channels, path)
+def test_columns_that_leave_doubt_are_refused(tmp_path, subtests):
+    for case, (text, sentence) in TEXT_REFUSED.items():
+        with subtests.test(case=case):
+            path = tmp_path / "a.csv"
+            path.write_text(text)
+            assert sentence in refusal(columns.read_channels, path)
 
 
 def test_binary_content_is_no_text(tmp_path):
@@ -125,17 +126,17 @@ def test_a_truncated_archive_and_a_flipped_byte_are_refused(tmp_path):
 NUMERIC = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"]
 
 
-@pytest.mark.parametrize("compressed", [False, True])
-@pytest.mark.parametrize("kind", NUMERIC)
-def test_what_scipy_writes_in_version_5_is_read_as_scipy_reads_it(tmp_path, kind, compressed):
-    path = tmp_path / "a.mat"
-    scipy.io.savemat(path, {"column": np.arange(7, dtype=kind)[:, None], "x": np.arange(6, dtype=kind).reshape(2, 3)},
-                     do_compression=compressed)  # fmt: skip
-    channels, reference = mat.read_channels(path), scipy.io.loadmat(path)
-    assert channels.names == ("column", "x")
-    for name in channels.names:
-        np.testing.assert_array_equal(channels.channel(name).samples, np.squeeze(reference[name]))
-    assert channels.channel("x").samples.dtype == (np.float32 if kind == "f4" else np.float64)
+def test_what_scipy_writes_in_version_5_is_read_as_scipy_reads_it(tmp_path, subtests):
+    for compressed, kind in itertools.product([False, True], NUMERIC):
+        with subtests.test(compressed=compressed, kind=kind):
+            path = tmp_path / "a.mat"
+            numbers = {"column": np.arange(7, dtype=kind)[:, None], "x": np.arange(6, dtype=kind).reshape(2, 3)}
+            scipy.io.savemat(path, numbers, do_compression=compressed)
+            channels, reference = mat.read_channels(path), scipy.io.loadmat(path)
+            assert channels.names == ("column", "x")
+            for name in channels.names:
+                np.testing.assert_array_equal(channels.channel(name).samples, np.squeeze(reference[name]))
+            assert channels.channel("x").samples.dtype == (np.float32 if kind == "f4" else np.float64)
 
 
 def test_version_4_is_read(tmp_path):
@@ -331,11 +332,11 @@ UFF_REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", UFF_REFUSED)
-def test_universal_files_that_do_not_fit_are_refused(uff_file, case):
-    content, sentence = UFF_REFUSED[case]
-    uff_file.write_bytes(content)
-    assert sentence in refusal(uff58.read_channels, uff_file)
+def test_universal_files_that_do_not_fit_are_refused(uff_file, subtests):
+    for case, (content, sentence) in UFF_REFUSED.items():
+        with subtests.test(case=case):
+            uff_file.write_bytes(content)
+            assert sentence in refusal(uff58.read_channels, uff_file)
 
 
 def test_a_header_that_is_not_ascii_is_read(uff_file):

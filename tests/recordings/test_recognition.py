@@ -1,6 +1,7 @@
 """Files are known by what they hold, whatever their names; a wrong one is named, with the next step."""
 
 import gzip
+import itertools
 import wave
 import zipfile
 
@@ -77,26 +78,27 @@ FOREIGN = {
 }
 
 
-@pytest.mark.parametrize("name", FOREIGN)
-@pytest.mark.parametrize("ending", [".csv", ".dat", ""])
-def test_a_file_is_known_by_what_it_holds(tmp_path, name, ending):
-    path = tmp_path / f"file{ending}"
-    FOREIGN[name](path)
-    assert format_of(path) == name
+def test_a_file_is_known_by_what_it_holds(tmp_path, subtests):
+    for name, ending in itertools.product(FOREIGN, [".csv", ".dat", ""]):
+        with subtests.test(name=name, ending=ending):
+            path = tmp_path / f"file{ending}"
+            FOREIGN[name](path)
+            assert format_of(path) == name
 
 
-@pytest.mark.parametrize("name", [name for name in FOREIGN if not is_raw(name)])
-def test_what_is_no_recording_is_named_and_never_called_valid(tmp_path, name):
-    path = tmp_path / "measurement.csv"
-    FOREIGN[name](path)
-    report = check_file(path)
-    assert (report.format, report.valid, report.usable_by) == (name, False, ())
-    (sentence,) = report.problems
-    assert KINDS[name].what in sentence
-    assert "UTF-8" not in sentence
-    with pytest.raises(RecordingFormatError) as caught:
-        read_channels(path)
-    assert KINDS[name].what in str(caught.value)
+def test_what_is_no_recording_is_named_and_never_called_valid(tmp_path, subtests):
+    for name in [name for name in FOREIGN if not is_raw(name)]:
+        with subtests.test(name=name):
+            path = tmp_path / "measurement.csv"
+            FOREIGN[name](path)
+            report = check_file(path)
+            assert (report.format, report.valid, report.usable_by) == (name, False, ())
+            (sentence,) = report.problems
+            assert KINDS[name].what in sentence
+            assert "UTF-8" not in sentence
+            with pytest.raises(RecordingFormatError) as caught:
+                read_channels(path)
+            assert KINDS[name].what in str(caught.value)
 
 
 def test_an_xlsx_is_not_called_npz_and_a_wav_is_not_called_text(tmp_path):

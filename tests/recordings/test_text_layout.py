@@ -28,15 +28,16 @@ def refusal(path, layout=None) -> str:
     return message
 
 
-@pytest.mark.parametrize("case", FILES)
-def test_a_logger_s_file_is_read_to_the_last_digit(tmp_path, case):
-    file = FILES[case]
-    path = tmp_path / "a.csv"
-    path.write_bytes(file.content)
-    proposal = propose(path)
-    assert (proposal.layout.entries() if proposal.reasons else None) == file.layout
-    layout = None if file.layout is None else layout_of(file.layout)
-    require_truth(read_channels(path, layout), file)
+def test_a_logger_s_file_is_read_to_the_last_digit(tmp_path, subtests):
+    for case in FILES:
+        with subtests.test(case=case):
+            file = FILES[case]
+            path = tmp_path / "a.csv"
+            path.write_bytes(file.content)
+            proposal = propose(path)
+            assert (proposal.layout.entries() if proposal.reasons else None) == file.layout
+            layout = None if file.layout is None else layout_of(file.layout)
+            require_truth(read_channels(path, layout), file)
 
 
 def require_truth(channels, file: LoggerFile) -> None:
@@ -48,13 +49,14 @@ def require_truth(channels, file: LoggerFile) -> None:
     assert {name: channels.channel(name).unit for name in file.units} == file.units
 
 
-@pytest.mark.parametrize("case", [case for case, file in FILES.items() if file.layout is not None])
-def test_without_a_layout_it_is_refused_with_the_cause_and_the_next_step(tmp_path, case):
-    path = tmp_path / "a.csv"
-    path.write_bytes(FILES[case].content)
-    message = refusal(path)
-    assert FILES[case].says in message
-    assert "`preload check a.csv --write-map MAP`" in message
+def test_without_a_layout_it_is_refused_with_the_cause_and_the_next_step(tmp_path, subtests):
+    for case in [case for case, file in FILES.items() if file.layout is not None]:
+        with subtests.test(case=case):
+            path = tmp_path / "a.csv"
+            path.write_bytes(FILES[case].content)
+            message = refusal(path)
+            assert FILES[case].says in message
+            assert "`preload check a.csv --write-map MAP`" in message
 
 
 def test_the_times_of_a_trace_are_the_clocks_of_its_signals(tmp_path):
@@ -106,17 +108,16 @@ WITH_LAYOUT = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", WITH_LAYOUT)
-def test_rows_that_do_not_fit_the_layout_are_refused(tmp_path, case):
-    text, entries, sentence = WITH_LAYOUT[case]
-    path = tmp_path / "a.csv"
-    path.write_text(text)
-    assert sentence in refusal(path, layout_of(entries))
+def test_rows_that_do_not_fit_the_layout_are_refused(tmp_path, subtests):
+    for case, (text, entries, sentence) in WITH_LAYOUT.items():
+        with subtests.test(case=case):
+            path = tmp_path / "a.csv"
+            path.write_text(text)
+            assert sentence in refusal(path, layout_of(entries))
 
 
-@pytest.mark.parametrize(
-    ("entries", "sentence"),
-    [
+def test_a_layout_that_contradicts_itself_is_refused(subtests):
+    for entries, sentence in [
         ({"separator": "colon"}, "expected 'tab' or 'semicolon' or 'comma' or 'blank'; got 'colon'"),
         ({"decimal": "dot"}, "expected 'point' or 'comma'"),
         ({"encoding": "cp1252"}, "expected 'utf-8' or 'latin-1' or 'utf-16'"),
@@ -126,12 +127,11 @@ def test_rows_that_do_not_fit_the_layout_are_refused(tmp_path, case):
         ({"header_row": 3, "first_row": 3}, "expected header_row above first_row; got rows 3 and 3"),
         ({"header_row": 3, "unit_row": 3}, "expected names and units in rows of their own; got row 3 for both"),
         ({"seperator": "tab"}, "got 'seperator'"),
-    ],
-)
-def test_a_layout_that_contradicts_itself_is_refused(entries, sentence):
-    with pytest.raises(RecordingFormatError, match=r"map\.toml \[text\]") as caught:
-        layout_of(entries)
-    assert sentence in str(caught.value)
+    ]:
+        with subtests.test(entries=entries, sentence=sentence):
+            with pytest.raises(RecordingFormatError, match=r"map\.toml \[text\]") as caught:
+                layout_of(entries)
+            assert sentence in str(caught.value)
 
 
 def test_what_is_written_of_a_layout_is_read_back(tmp_path):

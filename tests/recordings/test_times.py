@@ -32,9 +32,8 @@ def test_every_format_agrees_with_the_calendar(form, moments):
     np.testing.assert_allclose(seconds, truth, rtol=1e-15, atol=0.0)
 
 
-@pytest.mark.parametrize(
-    ("texts", "form", "zone", "dates", "seconds", "start"),
-    [
+def test_manners_of_loggers(subtests):
+    for texts, form, zone, dates, seconds, start in [
         (["2025-03-01T06:00:00Z", "2025-03-01T06:00:01.5Z"], "iso", None, None, [0, 1.5], "2025-03-01T06:00:00+00:00"),
         (["2025-03-01 06:00:00,25+01:00"], "iso", None, None, [0], "2025-03-01T06:00:00.250000+01:00"),
         (["20250301T060000", "20250301T060002"], "iso", "Z", None, [0, 2], "2025-03-01T06:00:00+00:00"),
@@ -43,22 +42,32 @@ def test_every_format_agrees_with_the_calendar(form, moments):
         (["2024-02-28 23:59:59", "2024-02-29 00:00:01"], "iso", None, None, [0, 2], None),
         (["06:00:00.5", "06:00:00.75"], "iso", "Z", None, [0, 0.25], None),
         (["23:59:59", "00:00:01"], "iso", "Z", ["2025-03-01", "2025-03-02"], [0, 2], "2025-03-01T23:59:59+00:00"),
-        (["23:59:59", "00:00:01"], "%d.%m.%Y %H:%M:%S", "+01:00", ["01.03.2025", "02.03.2025"], [0, 2],
-         "2025-03-01T23:59:59+01:00"),
-        (["01.03.2025 06:00:00,123456789", "01.03.2025 06:00:00,123456790"], "%d.%m.%Y %H:%M:%S,%f", None, None,
-         [0, 1e-9], None),
+        (
+            ["23:59:59", "00:00:01"],
+            "%d.%m.%Y %H:%M:%S",
+            "+01:00",
+            ["01.03.2025", "02.03.2025"],
+            [0, 2],
+            "2025-03-01T23:59:59+01:00",
+        ),
+        (
+            ["01.03.2025 06:00:00,123456789", "01.03.2025 06:00:00,123456790"],
+            "%d.%m.%Y %H:%M:%S,%f",
+            None,
+            None,
+            [0, 1e-9],
+            None,
+        ),
         (["2025-03-01 06:00:00 +0100"], "%Y-%m-%d %H:%M:%S %z", None, None, [0], "2025-03-01T06:00:00+01:00"),
-    ],
-)  # fmt: skip
-def test_manners_of_loggers(texts, form, zone, dates, seconds, start):  # noqa: PLR0917
-    got, began = times_of(texts, form, zone and zone_of(zone, "a.csv, t"), dates, "a.csv, t")
-    np.testing.assert_array_equal(got, seconds)
-    assert (None if began is None else began.isoformat()) == start
+    ]:
+        with subtests.test(texts=texts, form=form):
+            got, began = times_of(texts, form, zone and zone_of(zone, "a.csv, t"), dates, "a.csv, t")
+            np.testing.assert_array_equal(got, seconds)
+            assert (None if began is None else began.isoformat()) == start
 
 
-@pytest.mark.parametrize(
-    ("texts", "form", "zone", "dates", "sentence"),
-    [
+def test_what_is_no_time_is_refused(subtests):
+    for texts, form, zone, dates, sentence in [
         ([], "iso", None, None, "the column is blank"),
         (["2025-03-01T06:00:00", "now"], "iso", None, None, "sample 1: expected a time of ISO 8601"),
         (
@@ -88,13 +97,12 @@ def test_manners_of_loggers(texts, form, zone, dates, seconds, start):  # noqa: 
         (["01.03.2025"], "%d.%m.%Y", None, None, "format: expected 'iso' or a pattern with hours"),
         (["0001-01-01T00:00:00"], "iso", None, None, "expected a time of the calendar"),
         (["06:00"], "%H:%M%", None, None, "sample 0: expected a time as '%H:%M%'"),
-    ],
-)
-def test_what_is_no_time_is_refused(texts, form, zone, dates, sentence):
-    with pytest.raises(RecordingFormatError) as caught:
-        times_of(texts, form, zone and zone_of(zone, "a.csv, t"), dates, "a.csv, t")
-    assert str(caught.value).startswith("a.csv, t")
-    assert sentence in str(caught.value)
+    ]:
+        with subtests.test(texts=texts, form=form):
+            with pytest.raises(RecordingFormatError) as caught:
+                times_of(texts, form, zone and zone_of(zone, "a.csv, t"), dates, "a.csv, t")
+            assert str(caught.value).startswith("a.csv, t")
+            assert sentence in str(caught.value)
 
 
 def test_a_zone_may_be_given_as_such():

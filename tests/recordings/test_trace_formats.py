@@ -36,20 +36,21 @@ SCOPES = {
 }
 
 
-@pytest.mark.parametrize("case", SCOPES)
-def test_an_export_of_twincat_scope_is_read_to_the_last_digit(tmp_path, case):
-    path = tmp_path / "scope.csv"
-    content, truth = twincat(**SCOPES[case])
-    path.write_bytes(content)
-    channels = read_channels(path)
-    assert channels.names == tuple(truth)
-    for name, numbers in truth.items():
-        np.testing.assert_array_equal(channels.channel(name).samples, numbers)
-    assert [channel.clock for channel in channels.channels] == [None, "Time 1", "Time 1", None, "Time 2"]
-    assert [channel.unit for channel in channels.channels] == ["ms", "Nm", None, "ms", "mm"]
-    start = datetime(2022, 5, 2, 13, 56, 24, 376000, tzinfo=UTC)  # see TWINCAT_START
-    assert {channel.started_at for channel in channels.channels} == {start}
-    assert read_as_proposed(path)[1] is None
+def test_an_export_of_twincat_scope_is_read_to_the_last_digit(tmp_path, subtests):
+    for case, settings in SCOPES.items():
+        with subtests.test(case=case):
+            path = tmp_path / "scope.csv"
+            content, truth = twincat(**settings)
+            path.write_bytes(content)
+            channels = read_channels(path)
+            assert channels.names == tuple(truth)
+            for name, numbers in truth.items():
+                np.testing.assert_array_equal(channels.channel(name).samples, numbers)
+            assert [channel.clock for channel in channels.channels] == [None, "Time 1", "Time 1", None, "Time 2"]
+            assert [channel.unit for channel in channels.channels] == ["ms", "Nm", None, "ms", "mm"]
+            start = datetime(2022, 5, 2, 13, 56, 24, 376000, tzinfo=UTC)  # see TWINCAT_START
+            assert {channel.started_at for channel in channels.channels} == {start}
+            assert read_as_proposed(path)[1] is None
 
 
 def test_damaged_exports_of_twincat_scope_are_refused(tmp_path):
@@ -94,26 +95,27 @@ MEASUREMENTS = {
 }
 
 
-@pytest.mark.parametrize("case", MEASUREMENTS)
-def test_a_labview_measurement_is_read_to_the_last_digit(tmp_path, case):
-    path = tmp_path / "a.lvm"
-    content, truth = lvm(**MEASUREMENTS[case])
-    path.write_bytes(content)
-    channels = read_channels(path)
-    for name, (numbers,) in truth.items():
-        np.testing.assert_array_equal(channels.channel(name).samples, numbers)
-    of_x = MEASUREMENTS[case].get("of_x", "No")
-    force, acceleration = channels.channel("Force"), channels.channel("Accélération")
-    assert (force.unit, acceleration.unit) == ("N", "m/s^2")
-    assert (force.sample_rate, force.clock) == {
-        "No": (5000.0, None), "One": (None, "X_Value"), "Multi": (None, "X_Value 1")
-    }[of_x]  # fmt: skip
-    if force.clock is not None:
-        np.testing.assert_array_equal(
-            channels.channel(force.clock).samples, [float(f"{0.0002 * i:.4f}") for i in range(60)]
-        )
-        assert channels.channel(force.clock).unit == "s"
-    assert force.started_at is None  # the file states no zone
+def test_a_labview_measurement_is_read_to_the_last_digit(tmp_path, subtests):
+    for case, settings in MEASUREMENTS.items():
+        with subtests.test(case=case):
+            path = tmp_path / "a.lvm"
+            content, truth = lvm(**settings)
+            path.write_bytes(content)
+            channels = read_channels(path)
+            for name, (numbers,) in truth.items():
+                np.testing.assert_array_equal(channels.channel(name).samples, numbers)
+            of_x = settings.get("of_x", "No")
+            force, acceleration = channels.channel("Force"), channels.channel("Accélération")
+            assert (force.unit, acceleration.unit) == ("N", "m/s^2")
+            assert (force.sample_rate, force.clock) == {
+                "No": (5000.0, None), "One": (None, "X_Value"), "Multi": (None, "X_Value 1")
+            }[of_x]  # fmt: skip
+            if force.clock is not None:
+                np.testing.assert_array_equal(
+                    channels.channel(force.clock).samples, [float(f"{0.0002 * i:.4f}") for i in range(60)]
+                )
+                assert channels.channel(force.clock).unit == "s"
+            assert force.started_at is None  # the file states no zone
 
 
 def test_a_measurement_is_recognised_by_its_first_row(tmp_path):

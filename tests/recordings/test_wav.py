@@ -93,9 +93,9 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_wav_files_that_do_not_fit_are_refused(tmp_path, case):
-    content, sentence = REFUSED[case]
-    path = tmp_path / "a.wav"
-    path.write_bytes(content)
-    assert sentence in refusal(wav.read_channels, path)
+def test_wav_files_that_do_not_fit_are_refused(tmp_path, subtests):
+    for case, (content, sentence) in REFUSED.items():
+        with subtests.test(case=case):
+            path = tmp_path / "a.wav"
+            path.write_bytes(content)
+            assert sentence in refusal(wav.read_channels, path)

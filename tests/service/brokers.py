@@ -35,7 +35,7 @@ max_queued_messages 0
 """
 
 
-def wait_until(holds: Callable[[], bool], *, seconds: float = 10.0, what: str = "it") -> None:
+def wait_until(holds: Callable[[], bool], *, seconds: float = 60.0, what: str = "it") -> None:
     due = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < due, f"{what} did not happen in time"

@@ -15,14 +15,13 @@ from monitor_core.models.protocol import DriveConditions, ExcitationPoint, Respo
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from tests.conftest import PROJECT_ROOT
-from tests.service import test_cli
 from tests.service.conftest import Api, assert_problem
+from tests.service.test_cli import assert_refused
 from tests.service.test_jobs import wait_for
 
 REPLAY = PROJECT_ROOT / "replay_data"
 MACHINE = read_model_file(REPLAY / "models" / "replay-axis.toml")
 NUT = "nut_stiffness_n_per_m"
-preload = test_cli.preload  # a fixture
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +183,7 @@ def test_no_calibration_from_natural_frequencies_that_have_the_nut_elsewhere(
 ) -> None:
     words = ("identify", session, "--model", machine, "--accelerometer", "nut", "--calibration", tmp_path / "k.json")
     words += ("--mode-hz", 120, 260, "--preload-n", 200, 5, "--scatter-hz", 0.3)
-    test_cli.assert_refused(preload(*words), "in which the nut's mass moves with the table: expected responses of the")
+    assert_refused(preload(*words), "in which the nut's mass moves with the table: expected responses of the")
     assert not (tmp_path / "k.json").exists()
 
 
@@ -202,6 +201,4 @@ def test_other_data_say_where_they_are_of(preload: Any, tmp_path: Path) -> None:
     table.write_text("position_mm,frequency_hz\n300,180\n", encoding="utf-8")
     for command, model in (("explain", "--baseline"), ("identify", "--model")):
         words = (command, table, model, REPLAY / "models" / "replay-axis.toml", "--accelerometer", "nut")
-        test_cli.assert_refused(
-            preload(*words), "--accelerometer goes with a session; a set of frequency responses says"
-        )
+        assert_refused(preload(*words), "--accelerometer goes with a session; a set of frequency responses says")

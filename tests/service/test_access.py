@@ -111,20 +111,22 @@ def test_every_route_states_what_it_needs_and_nothing_else_does() -> None:
     assert set(ROUTES) - OF_ADMINISTRATORS == set(NEEDED)
 
 
-@pytest.mark.parametrize(("method", "template"), ROUTES)
-def test_each_route_is_denied_without_its_scope_and_to_nobody(closed: Closed, method: str, template: str) -> None:
-    needed, path = NEEDED.get((method, template), Scope.ADMIN), path_of(template)
-    assert closed.status(method, path, None) == 401
-    assert closed.status(method, path, "Bearer preload_of_nobody") == 401
-    closed.access.throttle.right("key from 127.0.0.1")
-    assert closed.status(method, path, closed.key(*(EVERYTHING - {needed}))) == 403
-    assert closed.status(method, path, closed.key(needed)) not in (401, 403)
+def test_each_route_is_denied_without_its_scope_and_to_nobody(closed: Closed, subtests: pytest.Subtests) -> None:
+    for method, template in ROUTES:
+        with subtests.test(method=method, template=template):
+            needed, path = NEEDED.get((method, template), Scope.ADMIN), path_of(template)
+            assert closed.status(method, path, None) == 401
+            assert closed.status(method, path, "Bearer preload_of_nobody") == 401
+            closed.access.throttle.right("key from 127.0.0.1")
+            assert closed.status(method, path, closed.key(*(EVERYTHING - {needed}))) == 403
+            assert closed.status(method, path, closed.key(needed)) not in (401, 403)
 
 
-@pytest.mark.parametrize(("method", "template"), [route for route in ROUTES if "{axis}" in route[1]])
-def test_the_key_of_another_axis_is_denied(closed: Closed, method: str, template: str) -> None:
-    assert closed.status(method, path_of(template), closed.key(*EVERYTHING, axes=("mill",))) == 403
-    assert closed.status(method, path_of(template), closed.key(*EVERYTHING, axes=("press",))) not in (401, 403)
+def test_the_key_of_another_axis_is_denied(closed: Closed, subtests: pytest.Subtests) -> None:
+    for method, template in [route for route in ROUTES if "{axis}" in route[1]]:
+        with subtests.test(method=method, template=template):
+            assert closed.status(method, path_of(template), closed.key(*EVERYTHING, axes=("mill",))) == 403
+            assert closed.status(method, path_of(template), closed.key(*EVERYTHING, axes=("press",))) not in (401, 403)
 
 
 def test_a_key_of_some_axes_does_not_see_all_of_them(closed: Closed) -> None:

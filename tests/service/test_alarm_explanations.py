@@ -16,6 +16,7 @@ from monitor_core.recording import Window
 from monitor_core.recordings.calibration_file import calibration_document
 from monitor_core.recordings.session_hdf5 import open_session
 from service.settings import BUNDLED_SESSIONS
+from tests.conftest import canary
 from tests.hidden_effects.running.sessions import description
 from tests.plant.chain import Condition
 from tests.plant.measurements import Acquisition, Scatter, simulate_measurements, to_windows
@@ -78,10 +79,9 @@ def finished_jobs(api: Api, axis: str) -> list[dict[str, Any]]:
 # --- the cause is named
 
 
-@pytest.mark.release
 @pytest.mark.parametrize(
     ("cause", "changed", "size"),
-    [("preload", Condition(0.0, preload=200.0), -100.0), ("payload", Condition(0.0, payload=1.0), 1.0)],
+    canary([("preload", Condition(0.0, preload=200.0), -100.0), ("payload", Condition(0.0, payload=1.0), 1.0)]),
 )
 def test_alarm_says_what_has_changed(
     shared_api: Api, calibration: dict[str, Any], cause: str, changed: Condition, size: float

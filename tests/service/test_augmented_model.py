@@ -86,18 +86,19 @@ def test_only_what_has_a_shape_is_there_once_at_most() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("effect", REPEATABLE, ids=lambda effect: effect.key)
-def test_effect_of_the_file_and_the_same_found_once_more_are_both_in_the_model(effect) -> None:
-    stated = drive_of(effect)
-    once = added_once(effect, stated)
-    first, second = noticeable(effect, 0.3), noticeable(effect, 0.5)
-    model = augmented_model(
-        replace(stated, effects={effect.key: first}), explanation(added={effect.key: second}), DRIVE_EFFECTS
-    )
-    twice = with_effects(ExtendedModel.of(stated.build().parameters), read_back(model).effects).physics
-    # the response is that of the axis to which it was added twice
-    np.testing.assert_allclose(response_of(twice), response_of(effect.added_to(once, second)), rtol=1e-9)
-    assert not np.allclose(response_of(twice), response_of(once), rtol=1e-9)
+def test_effect_of_the_file_and_the_same_found_once_more_are_both_in_the_model(subtests: pytest.Subtests) -> None:
+    for effect in REPEATABLE:
+        with subtests.test(effect=effect):
+            stated = drive_of(effect)
+            once = added_once(effect, stated)
+            first, second = noticeable(effect, 0.3), noticeable(effect, 0.5)
+            model = augmented_model(
+                replace(stated, effects={effect.key: first}), explanation(added={effect.key: second}), DRIVE_EFFECTS
+            )
+            twice = with_effects(ExtendedModel.of(stated.build().parameters), read_back(model).effects).physics
+            # the response is that of the axis to which it was added twice
+            np.testing.assert_allclose(response_of(twice), response_of(effect.added_to(once, second)), rtol=1e-9)
+            assert not np.allclose(response_of(twice), response_of(once), rtol=1e-9)
 
 
 @pytest.mark.parametrize("effect", MOTIONS, ids=lambda effect: effect.key)

@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -16,49 +16,14 @@ from monitor_core.preload import VarianceShares
 from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from service.cli import main as command_line
-from service.cli.main import main
 from service.cli.output import finite_or_null
+from tests.conftest import Answer
 from tests.service.conftest import START, Api, axial_frequency, simulated_measurement
 
 #: Refit of the paper's Table 2: k in units of 1e-8, residual rms in hertz.
 UNWEIGHTED, UNWEIGHTED_RMS = (-4848.6, 5741.6, 1915.2, 1154.6), 0.2215
 WEIGHTED = (-4867.5, 5754.2, 1893.7, 1156.0)
 K_NAMES = ("k1_s2_per_m2", "k2_s2_per_m", "k3_s2_n13", "k4_s2")
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a command left behind."""
-
-    exit_code: int
-    out: str
-    err: str
-
-    def json(self) -> Any:
-        assert self.exit_code == 0, self.err
-        return json.loads(self.out)  # one document and nothing else
-
-
-def run_here(*words: str | Path | float) -> int:
-    """Run ``preload`` with some words in this process, and return its exit code."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["preload", *map(str, words)])
-        with pytest.raises(SystemExit) as exit_:
-            main()
-    return int(exit_.value.code or 0)
-
-
-@pytest.fixture
-def preload(capfd: pytest.CaptureFixture[str]) -> Any:
-    """Run ``preload`` with some words and return its answer."""
-
-    def run(*words: str | Path) -> Answer:
-        capfd.readouterr()
-        code = run_here(*words)
-        captured = capfd.readouterr()
-        return Answer(code, captured.out, captured.err)
-
-    return run
 
 
 def assert_refused(answer: Answer, words: str) -> None:
@@ -212,9 +177,8 @@ def test_bad_tables_and_calibrations_are_one_line(
     assert_refused(preload("calibrate", tmp_path), tmp_path.name)
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
+def test_usage_error_is_one_line(preload: Any, subtests: pytest.Subtests) -> None:
+    for words, complaint in [
         (("unknown",), "unknown"),
         (("calibrate",), "DATA"),
         (("calibrate", "x.csv", "--weighting", "guess"), "guess"),
@@ -224,10 +188,9 @@ def test_bad_tables_and_calibrations_are_one_line(
         (("replay", "x.session.h5", "--axis", "a", "--url", "http://x", "--speed", "0"), "speed"),
         (("serve", "--port", "many"), "many"),
         (("serve", "--port", "70000"), "port"),
-    ],
-)
-def test_usage_error_is_one_line(preload: Any, words: tuple[str, ...], complaint: str) -> None:
-    assert_refused(preload(*words), complaint)
+    ]:
+        with subtests.test(words=words, complaint=complaint):
+            assert_refused(preload(*words), complaint)
 
 
 def test_bad_setting_in_the_environment_is_one_line(preload: Any, monkeypatch: pytest.MonkeyPatch) -> None:

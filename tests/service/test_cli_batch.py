@@ -9,7 +9,6 @@ import pytest
 from distributed import LocalCluster
 
 from tests.conftest import PROJECT_ROOT
-from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 
 REPLAY = PROJECT_ROOT / "replay_data"
@@ -19,14 +18,6 @@ identify {REPLAY}/published/tian_modal_table.csv --model {REPLAY}/models/recepta
 calibrate {REPLAY}/published/nguyen_table2.csv --weighting none   # an axis of the paper
 modes {REPLAY}/models/replay-axis.toml --position-mm 500 --preload-n 300
 """
-preload = test_cli.preload  # a fixture
-
-
-@pytest.fixture
-def plan(tmp_path: Path) -> Path:
-    path = tmp_path / "plan.txt"
-    path.write_text(PLAN, encoding="utf-8")
-    return path
 
 
 @pytest.fixture
@@ -41,17 +32,21 @@ def answers(folder: Path) -> list[str]:
     return [path.read_text(encoding="utf-8") for path in sorted(folder.iterdir())]
 
 
-@pytest.mark.release
+@pytest.mark.parametrize(
+    "lines", [PLAN.splitlines()[3:], pytest.param(PLAN.splitlines(), marks=pytest.mark.release)], ids=["quick", "all"]
+)
 def test_the_number_of_workers_and_who_they_are_change_no_answer(
-    preload: Any, plan: Path, tmp_path: Path, scheduler: str
+    preload: Any, tmp_path: Path, scheduler: str, lines: list[str]
 ) -> None:
+    plan = tmp_path / "plan.txt"
+    plan.write_text("\n".join(lines), encoding="utf-8")
     for folder, words in (("one", ()), ("two", ("--workers", "2")), ("dask", ("--dask", scheduler))):
         answer = preload("batch", plan, "--out", tmp_path / folder, *words)
         assert (answer.exit_code, answer.err) == (0, "")
     assert answers(tmp_path / "one") == answers(tmp_path / "two") == answers(tmp_path / "dask")
     first = json.loads(answers(tmp_path / "one")[0])
     assert (first["exit_code"], first["errors"]) == (0, "")
-    assert first["command"].startswith("frf ")
+    assert first["command"].split()[0] == next(line for line in lines if not line.startswith("#")).split()[0]
     assert first["answer"]
 
 
@@ -104,8 +99,14 @@ def test_a_line_that_cannot_be_run_is_refused_before_any_is(
     assert not (tmp_path / "out").exists()
 
 
-def test_an_empty_plan_and_a_scheduler_that_is_not_there(preload: Any, tmp_path: Path, plan: Path) -> None:
+def test_an_empty_plan_is_refused(preload: Any, tmp_path: Path) -> None:
     (tmp_path / "empty.txt").write_text("# nothing yet\n")
     assert_refused(preload("batch", tmp_path / "empty.txt", "--out", tmp_path / "out"), "expected a command a line")
+
+
+@pytest.mark.release
+def test_a_scheduler_that_is_not_there_is_refused(preload: Any, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.txt"
+    plan.write_text(PLAN, encoding="utf-8")
     nowhere = preload("batch", plan, "--out", tmp_path / "out", "--dask", "127.0.0.1:1")
     assert_refused(nowhere, "no Dask scheduler answers at 127.0.0.1:1")

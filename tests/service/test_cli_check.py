@@ -1,6 +1,7 @@
 """``preload check``: what it answers, writes and draws; and no control character of a file reaches a terminal."""
 
 import ast
+import itertools
 import json
 import re
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from service.cli import check
 from service.documents.printable import printable
 from service.report.channel_page import envelope
 from tests.conftest import PROJECT_ROOT
-from tests.service.test_cli import Answer, assert_refused, run_here
+from tests.service.test_cli import assert_refused
 
 TABLE = PROJECT_ROOT / "replay_data" / "published" / "nguyen_table2.csv"
 MODEL = PROJECT_ROOT / "replay_data" / "models" / "lumped.toml"
@@ -28,18 +29,10 @@ RNG = np.random.default_rng(1)
 SAMPLES = RNG.normal(size=(2, 3000))
 
 
-@pytest.fixture
-def preload(capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Run ``preload`` in a folder of its own and return its answer."""
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run commands in a folder of their own."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*words: str | Path) -> Answer:
-        capfd.readouterr()
-        code = run_here(*words)
-        captured = capfd.readouterr()
-        return Answer(code, captured.out, captured.err)
-
-    return run
 
 
 @pytest.fixture
@@ -137,14 +130,16 @@ REFUSED: dict[str, tuple[tuple[str | Path, ...], str]] = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_every_command_says_what_a_wrong_file_is(preload: Any, raw: Path, tmp_path: Path, case: str) -> None:
-    (tmp_path / "p.png").write_bytes(b"\x89PNG\r\n\x1a\n")
-    words, complaint = REFUSED[case]
-    answer = preload(*words)
-    assert answer.exit_code == 2
-    assert answer.err.count("\n") == 1
-    assert complaint in answer.err
+def test_every_command_says_what_a_wrong_file_is(
+    preload: Any, raw: Path, tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    for case, (words, complaint) in REFUSED.items():
+        with subtests.test(case=case):
+            (tmp_path / "p.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+            answer = preload(*words)
+            assert answer.exit_code == 2
+            assert answer.err.count("\n") == 1
+            assert complaint in answer.err
 
 
 # ---- what is written ----------------------------------------------------------------------------------------------
@@ -315,14 +310,14 @@ def obeyed(text: str) -> set[str]:
     return {letter for letter in text if not letter.isprintable() and letter not in ALLOWED}
 
 
-@pytest.mark.parametrize("place", EVIL_PLACES)
-@pytest.mark.parametrize("more", [(), ("--json",)])
-def test_no_control_character_reaches_the_terminal(preload: Any, tmp_path: Path, place: str, more: Any) -> None:
-    answer = preload(*EVIL_PLACES[place](tmp_path), *more)
-    assert not obeyed(answer.out + answer.err)
-    assert answer.exit_code in (0, 2)
-    shown = answer.out + answer.err
-    assert "\\x1b" in shown or "\\u001b" in shown  # seen, not hidden
+def test_no_control_character_reaches_the_terminal(preload: Any, tmp_path: Path, subtests: pytest.Subtests) -> None:
+    for place, more in itertools.product(EVIL_PLACES, [(), ("--json",)]):
+        with subtests.test(place=place, more=more):
+            answer = preload(*EVIL_PLACES[place](tmp_path), *more)
+            assert not obeyed(answer.out + answer.err)
+            assert answer.exit_code in (0, 2)
+            shown = answer.out + answer.err
+            assert "\\x1b" in shown or "\\u001b" in shown  # seen, not hidden
 
 
 @pytest.mark.parametrize("place", ["channel", "file name", "unit", "axis"])

@@ -21,7 +21,6 @@ from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.motion_csv import write_motion_record
 from tests.conftest import PROJECT_ROOT
 from tests.models.simulated_motion import Truth, simulated_record
-from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 
 MODELS = PROJECT_ROOT / "replay_data" / "models"
@@ -50,7 +49,6 @@ EFFECTS = (
     ),
 )
 """
-preload = test_cli.preload  # a fixture
 
 
 def changed(model: AxisDescription, **parameters: float) -> AxisDescription:
@@ -157,7 +155,6 @@ def _assert_augmented_model_is_the_axis(preload: Callable[..., Any], out: Path, 
     assert abs(frequencies[baseline][1]["frequency_hz"] / truth[1] - 1.0) > 0.01
 
 
-@pytest.mark.release
 def test_people_read_verdict_values_gaps_and_candidates(preload: Any, responses: Path, baseline: Path) -> None:
     answer = preload("explain", responses, "--baseline", baseline)
     assert (answer.exit_code, answer.err) == (0, "")
@@ -362,9 +359,10 @@ def inputs(tmp_path_factory: pytest.TempPathFactory, responses: Path, baseline: 
 FRF = ("axis.frf.h5", "--baseline", "baseline.toml")
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
+def test_bad_input_is_one_line_and_nothing_is_written(
+    preload: Any, inputs: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    for words, complaint in [
         (("axis.frf.h5",), "Missing option '--baseline'"),
         (("none.frf.h5", "--baseline", "baseline.toml"), "none.frf.h5: expected a file; nothing is"),
         (("axis.frf.h5", "--baseline", "none.toml"), "none.toml: expected a file; nothing is"),
@@ -390,17 +388,14 @@ FRF = ("axis.frf.h5", "--baseline", "baseline.toml")
         ((*FRF, "--out", "nowhere/model.toml"), "folder nowhere does not exist"),
         ((*FRF, "--report", "file"), "'--report'"),
         (("axis.frf.h5", "--baseline", str(MODELS / "lumped.toml")), "position must lie on the screw"),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_written(
-    preload: Any, inputs: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[Any, ...], complaint: str
-) -> None:
-    monkeypatch.chdir(inputs)
-    there = sorted(inputs.iterdir())
-    more = () if "--report" in words else ("--report", "report")
-    more += () if "--out" in words else ("--out", "out.toml")
-    assert_refused(preload("explain", *words, *more), complaint)
-    assert sorted(inputs.iterdir()) == there
+    ]:
+        with subtests.test(words=words, complaint=complaint):
+            monkeypatch.chdir(inputs)
+            there = sorted(inputs.iterdir())
+            more = () if "--report" in words else ("--report", "report")
+            more += () if "--out" in words else ("--out", "out.toml")
+            assert_refused(preload("explain", *words, *more), complaint)
+            assert sorted(inputs.iterdir()) == there
 
 
 def test_help(preload: Any) -> None:

@@ -11,7 +11,6 @@ from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveModel
 from monitor_core.recordings.motion_csv import write_motion_record
 from tests.models.simulated_motion import Truth, simulated_record
-from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 from tests.service.test_cli_explain import (
     MOTION,
@@ -25,7 +24,6 @@ from tests.service.test_cli_explain import (
     value_of,
 )
 
-preload = test_cli.preload  # a fixture
 FORM = 0.006  # of each line; the product counts on a quarter of it where nothing was learnt
 FAR = "far_bearing_stiffness_n_per_m"
 

@@ -27,7 +27,6 @@ from tests.identification import tian
 from tests.identification.test_identify import finite_element_responses
 from tests.models.finite_elements import Assembly
 from tests.models.test_receptance import axis_of
-from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 
 MODEL = PROJECT_ROOT / "replay_data" / "models" / "receptance.toml"
@@ -37,7 +36,6 @@ JOINTS = (
     *STIFFNESSES, "coupling_stiffness_nm_per_rad", "bearing_damping_ns_per_m", "far_bearing_damping_ns_per_m",
     "nut_damping_ns_per_m", "coupling_damping_nms_per_rad",
 )  # fmt: skip
-preload = test_cli.preload  # a fixture
 
 
 def identified(*words: str | Path | float) -> dict[str, Any]:
@@ -300,9 +298,8 @@ def test_a_simulated_session_gives_its_stiffnesses_back(preload: Any, tmp_path: 
 # --- refusals
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
+def test_bad_input_is_one_line_and_nothing_is_written(preload: Any, tmp_path: Path, subtests: pytest.Subtests) -> None:
+    for words, complaint in [
         ((PEAKS, "--model", MODEL, "--hold-out-mm", 700), "600, 800, 1000, 1300, 1600, 1900 mm; got 700 mm"),
         (
             (PEAKS, "--model", MODEL, "--hold-out-mm", 600, 800, 1000, 1300, 1600),
@@ -331,14 +328,11 @@ def test_a_simulated_session_gives_its_stiffnesses_back(preload: Any, tmp_path: 
         ((PEAKS, "--model", MODEL, "--band-hz", 60, 250), "--band-hz goes with a session; got tian_modal_table.csv"),
         ((PEAKS, "--model", MODEL.parent / "lumped.toml", "--objective", "eq-26"), "got a lumped model"),
         ((PEAKS, "--model", MODEL, "--calibration", "a.json"), "--calibration also needs --mode-hz, --preload-n"),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_written(
-    preload: Any, tmp_path: Path, words: tuple[Any, ...], complaint: str
-) -> None:
-    out = tmp_path / "found.toml"
-    assert_refused(preload("identify", *words, "--out", out), complaint)
-    assert not out.exists()
+    ]:
+        with subtests.test(words=words, complaint=complaint):
+            out = tmp_path / "found.toml"
+            assert_refused(preload("identify", *words, "--out", out), complaint)
+            assert not out.exists()
 
 
 @pytest.mark.parametrize(

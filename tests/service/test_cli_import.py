@@ -1,7 +1,5 @@
 """``preload import`` and commands that take raw files with their map: the same answers as from the session."""
 
-import json
-import sys
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -14,31 +12,13 @@ from monitor_core.recording import Session
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.session_hdf5 import write_session
-from service.cli.main import main
 from tests.service.conftest import START, Api, simulated_measurement
 
 PRELOADS = (150.0, 250.0, 350.0)
 
 
-@pytest.fixture
-def preload(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Return what runs ``preload`` with some words: exit code, standard output, standard error."""
-
-    def run(*words: object) -> tuple[int, str, str]:
-        capfd.readouterr()
-        monkeypatch.setattr(sys, "argv", ["preload", *map(str, words)])
-        with pytest.raises(SystemExit) as exit_:
-            main()
-        captured = capfd.readouterr()
-        return int(exit_.value.code or 0), captured.out, captured.err
-
-    return run
-
-
 def answer_of(run: Any, *words: object) -> Any:
-    code, out, err = run(*words, "--json")
-    assert code == 0, err
-    return json.loads(out)
+    return run(*words, "--json").json()
 
 
 def sentence_of(run: Any, *words: object) -> str:

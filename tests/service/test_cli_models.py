@@ -1,5 +1,6 @@
 """``preload modes`` and ``preload simulate``: drive models on the command line, and back through the product's road."""
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,10 @@ from monitor_core.models.protocol import MotorEnd
 from monitor_core.recordings.effect_file import effect_file_text
 from monitor_core.recordings.model_file import read_model_file
 from monitor_core.recordings.session_hdf5 import read_session
-from tests.conftest import PROJECT_ROOT
-from tests.service import test_cli
+from tests.conftest import PROJECT_ROOT, canary
 from tests.service.test_cli import assert_refused
 
 MODELS = PROJECT_ROOT / "replay_data" / "models"
-preload = test_cli.preload  # a fixture
 FAMILIES = ("lumped", "hybrid", "receptance", "transmission-line")
 
 
@@ -114,8 +113,7 @@ def test_numbers_after_an_equals_sign_were_an_unexpected_argument(preload: Any, 
 # --- simulate --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", canary(FAMILIES))
 def test_a_simulated_session_goes_the_whole_road(preload: Any, tmp_path: Path, name: str) -> None:
     model = MODELS / f"{name}.toml"
     out = tmp_path / "out.session.h5"
@@ -188,31 +186,36 @@ def test_simulate_does_what_its_options_say(preload: Any, tmp_path: Path) -> Non
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", ["modes", "simulate"])
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("family = ", "expected a drive model in TOML"),
-        ('family = "spring"\n[parameters]\n', "family must be one of lumped, hybrid, receptance, transmission-line"),
-        ('family = "hybrid"\n[parameters]\n', "a hybrid model needs table_mass_kg"),
-        ('family = "hybrid"\n[parameters]\ntable_mass_kg = true\n', "expected a number [SI]; got bool True"),
-        ('family = "hybrid"\n[motor]\n', "got 'motor'"),
-        ("EFFECT", "the key of an effect must be one of"),
-    ],
-)
-def test_a_bad_model_is_one_line(preload: Any, tmp_path: Path, command: str, text: str, words: str) -> None:
-    if text == "EFFECT":
-        text = (MODELS / "hybrid.toml").read_text(encoding="utf-8") + "[effects.heavier]\nmass_kg = 1\n"
-    bad, out = tmp_path / "bad.toml", tmp_path / "out.h5"
-    bad.write_text(text, encoding="utf-8")
-    more = ("--position-mm", 300) if command == "modes" else ("--out", out)
-    assert_refused(preload(command, bad, *more), words)
-    assert not out.exists()
+def test_a_bad_model_is_one_line(preload: Any, tmp_path: Path, subtests: pytest.Subtests) -> None:
+    for command, (text, words) in itertools.product(
+        ["modes", "simulate"],
+        [
+            ("family = ", "expected a drive model in TOML"),
+            (
+                'family = "spring"\n[parameters]\n',
+                "family must be one of lumped, hybrid, receptance, transmission-line",
+            ),
+            ('family = "hybrid"\n[parameters]\n', "a hybrid model needs table_mass_kg"),
+            ('family = "hybrid"\n[parameters]\ntable_mass_kg = true\n', "expected a number [SI]; got bool True"),
+            ('family = "hybrid"\n[motor]\n', "got 'motor'"),
+            (
+                (MODELS / "hybrid.toml").read_text(encoding="utf-8") + "[effects.heavier]\nmass_kg = 1\n",
+                "the key of an effect must be one of",
+            ),
+        ],
+    ):
+        with subtests.test(command=command, text=text):
+            bad, out = tmp_path / "bad.toml", tmp_path / "out.h5"
+            bad.write_text(text, encoding="utf-8")
+            more = ("--position-mm", 300) if command == "modes" else ("--out", out)
+            assert_refused(preload(command, bad, *more), words)
+            assert not out.exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [
+def test_bad_input_is_one_line(
+    preload: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    for words, complaint in [
         (("modes", "lumped.toml"), "--position-mm"),
         (("modes", "lumped.toml", "--position-mm", 500), "state the preload"),
         (("modes", "lumped.toml", "--position-mm", 500, "--preload-n", 500), "must not exceed 10 %"),
@@ -240,16 +243,13 @@ def test_a_bad_model_is_one_line(preload: Any, tmp_path: Path, command: str, tex
         (("simulate", "none.toml", "--out", "nodir/x.h5"), "cannot write x.h5: folder nodir does not exist"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--preload-n", 100), "state the rating"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--position-mm", 0), "position must lie on the screw"),
-    ],
-)
-def test_bad_input_is_one_line(
-    preload: Any, words: tuple[Any, ...], complaint: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("lumped", "hybrid"):
-        (tmp_path / f"{name}.toml").write_bytes((MODELS / f"{name}.toml").read_bytes())
-    assert_refused(preload(*words), complaint)
-    assert not (tmp_path / "x.h5").exists()
+    ]:
+        with subtests.test(words=words, complaint=complaint):
+            monkeypatch.chdir(tmp_path)
+            for name in ("lumped", "hybrid"):
+                (tmp_path / f"{name}.toml").write_bytes((MODELS / f"{name}.toml").read_bytes())
+            assert_refused(preload(*words), complaint)
+            assert not (tmp_path / "x.h5").exists()
 
 
 def test_a_model_without_damping_is_told_so(preload: Any, undamped: Path, tmp_path: Path) -> None:

@@ -12,12 +12,10 @@ from monitor_core.recording import Session
 from monitor_core.recordings.calibration_file import write_calibration
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from monitor_core.uncertainty import VectorEstimate
-from tests.service import test_cli
 from tests.service.test_cli import K_NAMES, assert_refused
 
 SESSIONS = Path(__file__).resolve().parents[2] / "replay_data"
 
-preload = test_cli.preload  # a fixture
 #: Nguyen's k from the whole of Table 2, and standard uncertainties of 5 %, as of a prediction that is right.
 K = np.array([-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8])
 

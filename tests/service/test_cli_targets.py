@@ -1,5 +1,6 @@
 """What a command is to write is checked before it works: a refusal comes at once, and nothing was computed."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,7 @@ import service.cli.calibrate
 import service.cli.explain
 import service.cli.identify
 import service.cli.simulate
-from tests.service.test_cli import assert_refused, preload
-
-__all__ = ["preload"]  # the fixture
+from tests.service.test_cli import assert_refused
 
 MODELS = Path(__file__).parents[2] / "replay_data" / "models"
 MODEL = MODELS / "replay-axis.toml"
@@ -59,26 +58,26 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize(
-    ("target", "complaint"),
-    [
-        ("nowhere/out{}", "folder nowhere does not exist"),
-        ("a-file/out{}", "folder a-file is no folder"),
-        ("a-folder{}", "is a directory"),
-        ("out.csv", "ends in {}"),
-        ("n" * 300 + "{}", "name too long"),
-    ],
-)
 def test_a_target_that_cannot_be_written_is_refused_before_any_work(
-    preload: Any, folder: Path, command: str, target: str, complaint: str
+    preload: Any, folder: Path, subtests: pytest.Subtests
 ) -> None:
-    words, ending = COMMANDS[command]
-    there = sorted(folder.rglob("*"))
-    answer = preload(*words, target.format(ending))
-    assert_refused(answer, "")
-    assert complaint.format(ending) in answer.err.lower() or complaint.format(ending) in answer.err
-    assert sorted(folder.rglob("*")) == there
+    for command, (target, complaint) in itertools.product(
+        COMMANDS,
+        [
+            ("nowhere/out{}", "folder nowhere does not exist"),
+            ("a-file/out{}", "folder a-file is no folder"),
+            ("a-folder{}", "is a directory"),
+            ("out.csv", "ends in {}"),
+            ("n" * 300 + "{}", "name too long"),
+        ],
+    ):
+        with subtests.test(command=command, target=target):
+            words, ending = COMMANDS[command]
+            there = sorted(folder.rglob("*"))
+            answer = preload(*words, target.format(ending))
+            assert_refused(answer, "")
+            assert complaint.format(ending) in answer.err.lower() or complaint.format(ending) in answer.err
+            assert sorted(folder.rglob("*")) == there
 
 
 @pytest.mark.parametrize("command", COMMANDS)

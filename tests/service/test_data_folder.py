@@ -152,12 +152,12 @@ def test_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
 
 def wait_until_idle() -> None:
     """Wait until this process, the service with it, has next to nothing to compute for a fifth of a second."""
-    for _ in range(100):
+    for _ in range(300):
         spent = time.process_time()
         time.sleep(0.2)
         if time.process_time() - spent < 0.01:
             return
-    raise AssertionError("the service is still at work after 20 s")
+    raise AssertionError("the service is still at work after a minute")
 
 
 def test_locked_database_leaves_the_process_alive_and_not_ready(api: Api) -> None:
@@ -177,9 +177,9 @@ def test_locked_database_leaves_the_process_alive_and_not_ready(api: Api) -> Non
             slowest = max(slowest, time.monotonic() - asked)
         asked = time.monotonic()
         problem = assert_problem(api.http.get("/readyz"), 503, "storage-failed")
-        assert time.monotonic() - asked < 5.0
+        assert time.monotonic() - asked < 20.0
         holder.rollback()
-    assert slowest < 5.0  # a post waits for the lock for 30 s
+    assert slowest < 20.0  # a post waits for the lock for 30 s
     assert "database is locked" in problem["detail"]
     for thread in posting:
         thread.join()

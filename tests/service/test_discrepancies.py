@@ -15,12 +15,11 @@ from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import parse_model, read_model_file
 from monitor_core.recordings.session_hdf5 import read_session
-from tests.conftest import PROJECT_ROOT
-from tests.service import test_cli
+from tests.conftest import PROJECT_ROOT, run_here
 from tests.service.conftest import Api, assert_problem, running_service
+from tests.service.test_identifications import peak
 from tests.service.test_jobs import wait_for
 
-preload = test_cli.preload  # a fixture
 MODEL = PROJECT_ROOT / "replay_data" / "models" / "receptance.toml"
 TEXT = MODEL.read_text(encoding="utf-8")
 UNCERTAIN = "\n[uncertain]\nbearing_stiffness_n_per_m = 0.2\nnut_stiffness_n_per_m = 0.1\n"
@@ -28,10 +27,6 @@ LUMPED = (PROJECT_ROOT / "replay_data" / "models" / "lumped.toml").read_text(enc
 TABLE2 = PROJECT_ROOT / "replay_data" / "published" / "nguyen_table2.csv"
 N_WINDOWS = 10
 SHARE = 0.001  # standard uncertainty of a frequency
-
-
-def peak(position_mm: float, frequency_hz: float, **more: Any) -> dict[str, Any]:
-    return {"position_mm": position_mm, "frequency_hz": frequency_hz, **more}
 
 
 def sound_peaks() -> list[dict[str, Any]]:
@@ -73,7 +68,7 @@ def report_path(axis: str, job_id: str) -> str:
 
 def wait_until_progress(api: Api, job_id: str) -> None:
     """Wait until the process of the search says what it does."""
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + 60.0
     while wait_for(api, job_id, "running", done=1)["done"] < 2:
         assert time.monotonic() < deadline
         time.sleep(0.02)
@@ -82,7 +77,6 @@ def wait_until_progress(api: Api, job_id: str) -> None:
 # --- the job
 
 
-@pytest.mark.release
 def test_result_is_the_json_of_the_command_and_the_report_stays(preload: Any, tmp_path: Path) -> None:
     with running_service(tmp_path / "var") as api:
         api.register("peaks")
@@ -120,7 +114,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("session") / "axis.session.h5"
     words = ("simulate", MODEL, "--out", path, "--position-mm", 600, 1000, 1600, "--windows", N_WINDOWS)
     words += ("--friction-n", 0.0)
-    assert test_cli.run_here(*words) == 0
+    assert run_here(*words) == 0
     return path
 
 
@@ -151,7 +145,6 @@ def test_stored_measurements_are_explained_as_those_of_the_session(
     assert f">{keys}</td>" in shared_api.http.get("/axes/stored").text
 
 
-@pytest.mark.release
 def test_cancelled_search_ends_at_once_and_makes_room(shared_api: Api) -> None:
     shared_api.register("cancelled")
     others = set(multiprocessing.active_children())
@@ -159,7 +152,7 @@ def test_cancelled_search_ends_at_once_and_makes_room(shared_api: Api) -> None:
     wait_until_progress(shared_api, job_id)
     assert len(set(multiprocessing.active_children()) - others) == 1
     assert shared_api.http.post(f"/v1/jobs/{job_id}/cancel").json()["status"] == "cancelled"
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 60.0
     while set(multiprocessing.active_children()) - others:
         assert time.monotonic() < deadline
         time.sleep(0.02)
@@ -172,7 +165,6 @@ def test_cancelled_search_ends_at_once_and_makes_room(shared_api: Api) -> None:
     shared_api.http.post(f"/v1/jobs/{other}/cancel")
 
 
-@pytest.mark.release
 def test_search_that_dies_fails_its_job_with_a_sentence(shared_api: Api) -> None:
     shared_api.register("killed")
     others = set(multiprocessing.active_children())
@@ -196,9 +188,8 @@ def test_what_only_shows_in_the_search_fails_the_job_with_a_sentence(shared_api:
 # --- refusals
 
 
-@pytest.mark.parametrize(
-    ("body", "name", "complaint"),
-    [
+def test_refused_at_once_and_nothing_stored(shared_api: Api, subtests: pytest.Subtests) -> None:
+    for body, name, complaint in [
         ({"peaks": sound_peaks(), "hold_out_mm": [700]}, "not-identifiable", "1600 mm; got 700 mm"),
         ({"peaks": sound_peaks(), "hold_out_mm": [600, 1000, 1600]}, "not-identifiable", "left for the fit"),
         ({"peaks": [peak(2700, 118)]}, "outside-validity", "must lie on the screw"),
@@ -230,16 +221,15 @@ def test_what_only_shows_in_the_search_fails_the_job_with_a_sentence(shared_api:
         ({"peaks": []}, "invalid-request", "peaks"),
         ({"peaks": [peak(600, -118)]}, "invalid-request", "frequency_hz"),
         ({"peaks": sound_peaks(), "effects": "own.py"}, "invalid-request", "effects"),
-    ],
-)
-def test_refused_at_once_and_nothing_stored(shared_api: Api, body: dict[str, Any], name: str, complaint: str) -> None:
-    shared_api.register("refused")
-    answer = shared_api.http.post("/v1/axes/refused/discrepancies", json={"baseline": TEXT} | body)
-    problem = assert_problem(answer, 422, name)
-    assert complaint in problem["detail"] or any(
-        complaint in f"{item['pointer']} {item['detail']}" for item in problem["errors"]
-    )
-    assert shared_api.http.get("/v1/jobs", params={"axis": "refused"}).json()["jobs"] == []
+    ]:
+        with subtests.test(body=body, name=name):
+            shared_api.register("refused")
+            answer = shared_api.http.post("/v1/axes/refused/discrepancies", json={"baseline": TEXT} | body)
+            problem = assert_problem(answer, 422, name)
+            assert complaint in problem["detail"] or any(
+                complaint in f"{item['pointer']} {item['detail']}" for item in problem["errors"]
+            )
+            assert shared_api.http.get("/v1/jobs", params={"axis": "refused"}).json()["jobs"] == []
 
 
 def test_unknown_axis_is_refused(shared_api: Api) -> None:

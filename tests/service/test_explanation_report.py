@@ -47,6 +47,7 @@ from service.report.page import explanation_page
 from service.report.rounding import compared_with_stated, quantity, ratio_with_uncertainty, with_uncertainty
 from service.report.svg import Axis, axis_over, decimated, element
 from service.report.verdict import asides, headline
+from tests.conftest import canary
 
 SUBJECT = "x-axis.frf.h5 against hybrid.toml"
 MODEL = 'family = "hybrid"\n\n[parameters]\ntable_mass_kg = 20.54\n\n[effects.added-mass]\nmass_kg = 0.81\n'
@@ -388,8 +389,7 @@ def test_what_is_not_known_is_null() -> None:
 # --- the page --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("outcome", Outcome)
+@pytest.mark.parametrize("outcome", canary(Outcome))
 def test_page_is_well_formed_and_needs_nothing_else(outcome) -> None:
     text = explanation_page(EXAMPLES[outcome], MODEL, SUBJECT)
     page = Page(text)
@@ -413,8 +413,7 @@ def test_pictures_say_what_they_show(outcome) -> None:
         assert set(str(picture["aria-labelledby"]).split()) <= set(names)
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("outcome", Outcome)
+@pytest.mark.parametrize("outcome", canary(Outcome))
 def test_numbers_of_the_page_are_those_of_the_record(outcome) -> None:
     example = EXAMPLES[outcome]
     expected = [place.size for place in (*example.localisation, *(example.remainder if example.effects else ()))]

@@ -30,14 +30,15 @@ def test_the_dashboard_is_valid() -> None:
     schema("dashboard", "Dashboard").validate(DASHBOARD)
 
 
-@pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel["title"])
-def test_each_panel_is_valid_for_its_kind(panel: dict[str, Any]) -> None:
-    kind = panel["type"].replace("-", "")
-    schema(kind, "Options").validate(panel["options"])
-    if "custom" in panel["fieldConfig"]["defaults"]:
-        schema(kind, "FieldConfig").validate(panel["fieldConfig"]["defaults"]["custom"])
-    for target in panel["targets"]:
-        schema("prometheus", "Dataquery").validate(target)
+def test_each_panel_is_valid_for_its_kind(subtests: pytest.Subtests) -> None:
+    for panel in PANELS:
+        with subtests.test(panel=panel):
+            kind = panel["type"].replace("-", "")
+            schema(kind, "Options").validate(panel["options"])
+            if "custom" in panel["fieldConfig"]["defaults"]:
+                schema(kind, "FieldConfig").validate(panel["fieldConfig"]["defaults"]["custom"])
+            for target in panel["targets"]:
+                schema("prometheus", "Dataquery").validate(target)
 
 
 def test_the_schemas_refuse_what_is_none() -> None:

@@ -12,13 +12,12 @@ from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.session_hdf5 import read_session
+from tests.conftest import run_here
 from tests.identification import tian
-from tests.service import test_cli
 from tests.service.conftest import Api, assert_problem
 from tests.service.test_cli_identify import MODEL, PEAKS, STIFFNESSES, identified, model_file
 from tests.service.test_jobs import wait_for
 
-preload = test_cli.preload  # a fixture
 TEXT = MODEL.read_text(encoding="utf-8")
 ADDED_MASS = "\n[effects.added-mass]\nmass_kg = 3\n"
 NUT = TEXT + "\n[uncertain]\nnut_stiffness_n_per_m = 0.5\n"
@@ -52,7 +51,6 @@ def start(api: Api, axis: str, **body: Any) -> dict[str, Any]:
 # --- the job
 
 
-@pytest.mark.release
 def test_result_is_the_json_of_the_command(shared_api: Api, tmp_path: Path) -> None:
     shared_api.register("peaks")
     model = model_file(tmp_path, "nut.toml", "nut_stiffness_n_per_m")
@@ -110,7 +108,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Simulate a session of Tian's axis at three positions."""
     path = tmp_path_factory.mktemp("session") / "axis.session.h5"
     words = ("simulate", MODEL, "--out", path, "--position-mm", 600, 1000, 1600, "--windows", N_WINDOWS)
-    assert test_cli.run_here(*words) == 0
+    assert run_here(*words) == 0
     return path
 
 
@@ -137,7 +135,6 @@ def test_joints_from_stored_measurements_are_those_of_the_session(
     assert "got 1600 mm" in failed["error"]
 
 
-@pytest.mark.release
 def test_cancelled_identification_makes_room(shared_api: Api) -> None:
     shared_api.register("cancelled")
     job = start(shared_api, "cancelled", model=TEXT, peaks=published_peaks())
@@ -165,9 +162,8 @@ def test_joints_that_all_end_at_a_limit_fail_the_job_with_a_sentence(shared_api:
 # --- refusals
 
 
-@pytest.mark.parametrize(
-    ("body", "name", "complaint"),
-    [
+def test_refused_at_once_and_nothing_stored(shared_api: Api, subtests: pytest.Subtests) -> None:
+    for body, name, complaint in [
         ({"peaks": [peak(600, 24), peak(600, 118)]}, "not-identifiable", "2 positions at least; got 1"),
         ({"peaks": [peak(600, 24), peak(800, 250)]}, "not-identifiable", "the peak at 250 Hz at 800 mm is nearest to"),
         ({"peaks": [peak(600, 118), peak(600, 119)]}, "not-identifiable", "both belong to mode 2"),
@@ -204,16 +200,15 @@ def test_joints_that_all_end_at_a_limit_fail_the_job_with_a_sentence(shared_api:
         ({"peaks": [peak(600, 118, order=2)]}, "invalid-request", "order"),
         ({"peaks": published_peaks(), "seed": -1}, "invalid-request", "seed"),
         ({"peaks": published_peaks(), "objective": "eq-27"}, "invalid-request", "objective"),
-    ],
-)
-def test_refused_at_once_and_nothing_stored(shared_api: Api, body: dict[str, Any], name: str, complaint: str) -> None:
-    shared_api.register("refused")
-    answer = shared_api.http.post("/v1/axes/refused/identifications", json={"model": TEXT} | body)
-    problem = assert_problem(answer, 422, name)
-    assert complaint in problem["detail"] or any(
-        complaint in f"{item['pointer']} {item['detail']}" for item in problem["errors"]
-    )
-    assert shared_api.http.get("/v1/jobs", params={"axis": "refused"}).json()["jobs"] == []
+    ]:
+        with subtests.test(body=body, name=name):
+            shared_api.register("refused")
+            answer = shared_api.http.post("/v1/axes/refused/identifications", json={"model": TEXT} | body)
+            problem = assert_problem(answer, 422, name)
+            assert complaint in problem["detail"] or any(
+                complaint in f"{item['pointer']} {item['detail']}" for item in problem["errors"]
+            )
+            assert shared_api.http.get("/v1/jobs", params={"axis": "refused"}).json()["jobs"] == []
 
 
 def test_unknown_axis_is_refused(shared_api: Api) -> None:

@@ -227,7 +227,7 @@ def test_measurement_closes_by_time_and_not_by_the_next_one(tmp_path: Path, monk
         later = simulated_measurement(rng, "m2", n_windows=15, started_at=START + timedelta(hours=8))
         answer = api.accept("next", later)
         assert [outcome["measurement"] for outcome in answer["measurements"]] == ["m2"]
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 60.0
         while len(api.trend("next")) < 2 and time.monotonic() < deadline:
             time.sleep(0.1)
         assert [point["measurement"] for point in api.trend("next")] == ["m1", "m2"]
@@ -244,7 +244,6 @@ def test_silent_axis_is_unknown(shared_api: Api) -> None:
     assert axis["state_since"].startswith("2025-03-03T06:00:00")
 
 
-@pytest.mark.release
 def test_restart_keeps_everything(tmp_path: Path) -> None:
     rng = np.random.default_rng(12)
     windows = simulated_measurement(rng, "m1")

@@ -48,7 +48,7 @@ def start(api: Api, session: str, speed: float | None = None) -> dict[str, Any]:
     return job
 
 
-def wait_for(api: Api, job_id: str, *statuses: str, done: int = 0, timeout_s: float = 30.0) -> dict[str, Any]:
+def wait_for(api: Api, job_id: str, *statuses: str, done: int = 0, timeout_s: float = 60.0) -> dict[str, Any]:
     deadline = time.monotonic() + timeout_s
     while True:
         job = api.http.get(f"/v1/jobs/{job_id}").json()
@@ -101,7 +101,7 @@ def test_waiting_replay_is_cancelled_soon(replaying: Api) -> None:
     assert replaying.http.post(f"/v1/jobs/{queued}/cancel").json()["status"] == "cancelled"
     assert replaying.http.post(f"/v1/jobs/{job_id}/cancel").json()["status"] == "cancelled"
     # the thread is free again: another job gets its turn
-    wait_for(replaying, start(replaying, "short")["id"], "done", timeout_s=15.0)
+    wait_for(replaying, start(replaying, "short")["id"], "done")
     job = replaying.http.get(f"/v1/jobs/{job_id}").json()
     assert (job["status"], job["done"]) == ("cancelled", N_WINDOWS)
     assert replaying.http.get(f"/v1/jobs/{queued}").json()["done"] == 0

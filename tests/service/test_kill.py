@@ -19,32 +19,32 @@ from monitor_core.recordings.session_hdf5 import write_session
 from service.api.http.body import MSGPACK_TYPE
 from service.cli.remote.client import window_document
 from service.store.waveforms import WaveformPlace, WaveformStore
+from tests.conftest import canary
 from tests.service.conftest import START, Api, ServerProcess, free_port, running_service, simulated_measurement
 from tests.service.test_ingest import stored_frames
 
-N_KILLS = 20
-N_MEASUREMENTS, N_WINDOWS = 120, 10
+N_WINDOWS = 10
 #: Half a measurement a request: the process dies while measurements are open, complete, and being judged.
 PART = N_WINDOWS // 2
 #: Between two kills fewer parts than this are acknowledged.
 MOST_PARTS = 9
-#: The job replays a measurement, taken eight hours after the one before, about every 0.03 s.
-SPEED = 8 * 3600 / 0.03
+#: The job replays all measurements, each taken eight hours after the one before, in about so many seconds.
+REPLAY_S = 3.6
 
 
-def recorded_session() -> list[list[Window]]:
+def recorded_session(n_measurements: int) -> list[list[Window]]:
     """Return the measurements of an axis that loses preload towards the end."""
     rng = np.random.default_rng(1)
     return [
         simulated_measurement(
             rng,
             f"m{i:03d}",
-            preload=300.0 if i < 2 * N_MEASUREMENTS // 3 else 220.0,
+            preload=300.0 if i < 2 * n_measurements // 3 else 220.0,
             position_mm=(400.0, 500.0, 600.0)[i % 3],
             started_at=START + timedelta(hours=8 * i),
             n_windows=N_WINDOWS,
         )
-        for i in range(N_MEASUREMENTS)
+        for i in range(n_measurements)
     ]
 
 
@@ -117,9 +117,11 @@ def errors_in_logs(folder: Path) -> list[str]:
     return [line for line in lines if '"level": "ERROR"' in line]
 
 
-@pytest.mark.release
-def test_kills_lose_nothing_acknowledged(tmp_path: Path, fork_server: Callable[..., ServerProcess]) -> None:
-    measurements = recorded_session()
+@pytest.mark.parametrize(("n_kills", "n_measurements"), canary([(3, 40), (20, 120)]))
+def test_kills_lose_nothing_acknowledged(
+    tmp_path: Path, fork_server: Callable[..., ServerProcess], n_kills: int, n_measurements: int
+) -> None:
+    measurements = recorded_session(n_measurements)
     sessions = tmp_path / "sessions"
     sessions.mkdir()
     write_session(sessions / "long.session.h5", Session("axis", tuple(w for windows in measurements for w in windows)))
@@ -130,7 +132,7 @@ def test_kills_lose_nothing_acknowledged(tmp_path: Path, fork_server: Callable[.
         for part in parts:
             api.accept("axis", part)
         expected = judged(api, "axis")
-    assert len(expected) > N_MEASUREMENTS  # the loss is alarmed
+    assert len(expected) > n_measurements  # the loss is alarmed
 
     data_dir, port = tmp_path / "var", free_port()
 
@@ -144,14 +146,16 @@ def test_kills_lose_nothing_acknowledged(tmp_path: Path, fork_server: Callable[.
         api = Api(http, data_dir)
         prepare(api, "posted")
         prepare(api, "replayed")
-        job = http.post("/v1/axes/replayed/replays", json={"session": "long", "speed": SPEED}).json()
+        job = http.post(
+            "/v1/axes/replayed/replays", json={"session": "long", "speed": 8 * 3600 * n_measurements / REPLAY_S}
+        ).json()
     poster = Poster(server.url, parts)
     thread = threading.Thread(target=poster.run, daemon=True)
     thread.start()
-    server = kill_again_and_again(server, start, poster, data_dir, job["id"])
+    server = kill_again_and_again(server, start, poster, data_dir, job["id"], n_kills=n_kills)
     assert thread.is_alive()  # every kill hit a replay
     poster.may_go_on.set()
-    thread.join(timeout=60)
+    thread.join(timeout=300)
     assert not thread.is_alive()
     assert poster.unexpected == [], errors_in_logs(tmp_path)
 
@@ -159,7 +163,7 @@ def test_kills_lose_nothing_acknowledged(tmp_path: Path, fork_server: Callable[.
         api = Api(http, data_dir)
         while (job := http.get(f"/v1/jobs/{job['id']}").json())["status"] in ("queued", "running"):
             time.sleep(0.1)
-        assert (job["status"], job["done"], job["total"]) == ("done", *(N_MEASUREMENTS * N_WINDOWS,) * 2), job
+        assert (job["status"], job["done"], job["total"]) == ("done", *(n_measurements * N_WINDOWS,) * 2), job
         assert judged(api, "posted") == expected
         assert judged(api, "replayed") == expected
     every_start = [window.started_at.isoformat() for windows in measurements for window in windows]
@@ -167,16 +171,22 @@ def test_kills_lose_nothing_acknowledged(tmp_path: Path, fork_server: Callable[.
     assert stored_windows(data_dir, "replayed") == every_start
     server.process.terminate()
     server.process.wait()
-    assert assert_waveforms_are_whole(data_dir) <= 2 * N_KILLS  # at most the one under way of each axis
+    assert assert_waveforms_are_whole(data_dir) <= 2 * n_kills  # at most the one under way of each axis
 
 
 def kill_again_and_again(
-    server: ServerProcess, start: Callable[[], ServerProcess], poster: Poster, data_dir: Path, job_id: str
+    server: ServerProcess,
+    start: Callable[[], ServerProcess],
+    poster: Poster,
+    data_dir: Path,
+    job_id: str,
+    *,
+    n_kills: int,
 ) -> ServerProcess:
     """Kill the service at random moments; look after each start whether anything acknowledged is missing."""
     rng = np.random.default_rng()
     progress, kills_of_job = 0, 0
-    for _ in range(N_KILLS):
+    for _ in range(n_kills):
         enough = len(poster.acknowledged) + PART * rng.integers(0, MOST_PARTS)
         poster.may_go_on.set()
         while len(poster.acknowledged) < enough:
@@ -194,5 +204,5 @@ def kill_again_and_again(
         assert progress <= job["done"] <= len(stored_windows(data_dir, "replayed"))
         progress = job["done"]
         kills_of_job += job["status"] != "done"
-    assert kills_of_job >= N_KILLS // 2
+    assert kills_of_job >= n_kills // 2
     return server

@@ -44,7 +44,11 @@ from tests.service.test_kill import stored_windows
 from tests.service.test_notices import losing_preload
 
 needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not installed on this machine")
-KINDS = [pytest.param("mosquitto", marks=needs_mosquitto), "amqtt"]
+#: The second of the two only before a release, unless it is the one that is there.
+KINDS = [
+    pytest.param("mosquitto", marks=needs_mosquitto),
+    pytest.param("amqtt", marks=() if MOSQUITTO is None else pytest.mark.release),
+]
 N_KILLS = 20
 
 
@@ -105,7 +109,7 @@ def start_gateway(tmp_path: Path) -> Iterator[Callable[..., Any]]:
         process = forks.Process(target=gateway_as, args=(url, settings | environment, log))
         process.start()
         started.append(process)
-        wait_until(lambda: b"windows are taken from" in log.read_bytes(), seconds=60.0, what="the subscription")
+        wait_until(lambda: b"windows are taken from" in log.read_bytes(), what="the subscription")
         return process
 
     yield start
@@ -194,9 +198,7 @@ def test_of_two_services_one_that_goes_leaves_the_other_online(
         wait_until(lambda: len(client.of("preload/plant/status")) == 1)
         with running_service(tmp_path / "b", receivers_file=path):
             wait_until(lambda: len(client.of("preload/plant/status")) == 2)
-        wait_until(
-            lambda: [m.payload for m in client.of("preload/plant/status")][2:] == [b"offline", b"online"], seconds=5.0
-        )
+        wait_until(lambda: [m.payload for m in client.of("preload/plant/status")][2:] == [b"offline", b"online"])
 
 
 def test_a_silent_axis_becomes_unknown_at_the_broker_without_a_measurement(
@@ -210,7 +212,7 @@ def test_a_silent_axis_becomes_unknown_at_the_broker_without_a_measurement(
         windows = simulated_measurement(np.random.default_rng(3), "m", n_windows=4, started_at=began)
         api.accept("axis", windows, complete=True)
         wait_until(lambda: _told(client)["state"] == "learning")
-        wait_until(lambda: _told(client)["state"] == "unknown", seconds=10.0)
+        wait_until(lambda: _told(client)["state"] == "unknown")
         assert now() >= began + timedelta(seconds=silent_after_s)
         assert _told(client)["valid_until"] is None
 
@@ -294,13 +296,13 @@ def test_kills_of_the_broker_lose_and_double_no_notice(
     rng = np.random.default_rng()
     for _ in range(N_KILLS):
         n = len(listener.heard)
-        wait_until(lambda n=n: len(listener.heard) > n + 3, seconds=30.0, what="telling")
+        wait_until(lambda n=n: len(listener.heard) > n + 3, what="telling")
         time.sleep(rng.uniform(0.0, 0.05))
         broker.kill()
         broker.start()
     going.set()
     thread.join()
-    wait_until(lambda: dispatcher.standings()[0].n_waiting == 0, seconds=60.0, what="the last notice")
+    wait_until(lambda: dispatcher.standings()[0].n_waiting == 0, what="the last notice")
     wait_until(lambda: json.loads(listener.heard[-1].payload)["data"]["number"] == told[-1], what="its arrival")
     dispatcher.close()
     listener.close()
@@ -409,6 +411,7 @@ def test_a_key_is_needed_where_the_service_asks_for_one(
         client.close()
 
 
+@pytest.mark.release
 @needs_mosquitto  # amqtt does not send again what was not acknowledged
 def test_while_the_service_is_away_the_broker_keeps_the_windows(
     mosquitto: BrokerProcess,
@@ -433,9 +436,7 @@ def test_while_the_service_is_away_the_broker_keeps_the_windows(
     time.sleep(1.0)  # the gateway tries in vain
     server = start_server(tmp_path / "var", port)
     server.wait_until_up()
-    wait_until(
-        lambda: stored_windows(tmp_path / "var", "axis") == starts_of(windows), seconds=30.0, what="storing the rest"
-    )
+    wait_until(lambda: stored_windows(tmp_path / "var", "axis") == starts_of(windows), what="storing the rest")
     client.close()
 
 
@@ -513,13 +514,13 @@ def test_kills_of_the_gateway_lose_and_double_no_window(
         n = count_stored(api)
         for window in windows[first : first + 20]:
             client.publish("preload/plant/axes/axis/windows", packed([window]), ContentType=MSGPACK_TYPE)
-        wait_until(lambda n=n: count_stored(api) > n, seconds=60.0, what="storing")
+        wait_until(lambda n=n: count_stored(api) > n, what="storing")
         time.sleep(rng.uniform(0.0, 0.02))
         gateway.kill()
         gateway.join()
         n_kills_before_the_last += count_stored(api) < first + 20
         gateway = start_gateway(mosquitto, str(api.http.base_url))
-    wait_until(lambda: count_stored(api) >= len(windows), seconds=60.0, what="storing the rest")
+    wait_until(lambda: count_stored(api) >= len(windows), what="storing the rest")
     assert stored_windows(api.data_dir, "axis") == starts_of(windows)
     assert n_kills_before_the_last >= N_KILLS // 2  # the kill fell among windows that were on their way
     assert client.heard == []
@@ -540,7 +541,7 @@ def test_kills_of_the_broker_lose_and_double_no_window(
     with sender.running():
         for _ in range(N_KILLS):
             n = len(sender.answered())
-            wait_until(lambda n=n: len(sender.answered()) > n + 2, seconds=60.0, what="answering")
+            wait_until(lambda n=n: len(sender.answered()) > n + 2, what="answering")
             time.sleep(rng.uniform(0.0, 0.1))
             mosquitto.kill()
             mosquitto.start()
@@ -553,7 +554,13 @@ def test_kills_of_the_broker_lose_and_double_no_window(
 # --- without the extra -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", [["serve", "--port", "0"], ["mqtt", "--url", "http://127.0.0.1:9"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["mqtt", "--url", "http://127.0.0.1:9"],
+        pytest.param(["serve", "--port", "0"], marks=pytest.mark.release),
+    ],
+)
 def test_without_the_extra_a_sentence_says_what_installs_it(command: list[str], tmp_path: Path) -> None:
     path = receivers_file(tmp_path, BrokerProcess("amqtt", tmp_path))
     hidden = tmp_path / "paho"

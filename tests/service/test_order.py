@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from monitor_core.recording import Window
+from tests.conftest import canary
 from tests.service.arrivals import hashed, history, outcome_of
 from tests.service.conftest import START
 
@@ -29,8 +30,7 @@ def test_the_history_has_an_alarm_and_what_is_refused(in_order: dict) -> None:
     assert in_order["axis"]["refused_windows"] == {"dead-channel": 1, "position-mismatch": 3}
 
 
-@pytest.mark.release
-@pytest.mark.parametrize(("seed", "n_senders"), [(1, 1), (2, 3), (3, 8)])
+@pytest.mark.parametrize(("seed", "n_senders"), canary([(1, 1), (2, 3), (3, 8)]))
 def test_any_order_cut_and_number_of_senders_says_the_same(
     windows: list[Window], in_order: dict, tmp_path: Path, seed: int, n_senders: int
 ) -> None:

@@ -3,7 +3,6 @@
 import re
 
 import httpx
-import pytest
 
 from monitor_core.recordings import open_session
 from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
@@ -12,7 +11,6 @@ from service.cli.remote.server import embedded_service
 from service.settings import BUNDLED_SESSIONS, Settings
 
 
-@pytest.mark.release
 def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> None:
     settings = Settings(data_dir=tmp_path, port=0)
     with embedded_service(settings) as url, Client(url) as client:

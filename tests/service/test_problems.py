@@ -69,17 +69,17 @@ BAD_WINDOWS: dict[str, tuple[dict[str, Any], str, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", BAD_WINDOWS)
-def test_malformed_window_is_named_in_one_sentence(shared_api: Api, axis: str, case: str) -> None:
-    body, pointer, words = BAD_WINDOWS[case]
-    answer = shared_api.http.post(f"/v1/axes/{axis}/windows", content=json.dumps(body), headers=JSON)
-    problem = assert_problem(answer, 422, "invalid-request")
-    assert problem["detail"].startswith(pointer + ":")
-    assert words in problem["detail"]
-    assert problem["errors"][0]["pointer"] == pointer.removeprefix("body")
-    assert shared_api.trend(axis) == []
-    assert shared_api.axis(axis)["refused_windows"] == {}
-    assert not (shared_api.data_dir / "raw").exists()
+def test_malformed_window_is_named_in_one_sentence(shared_api: Api, axis: str, subtests: pytest.Subtests) -> None:
+    for case, (body, pointer, words) in BAD_WINDOWS.items():
+        with subtests.test(case=case):
+            answer = shared_api.http.post(f"/v1/axes/{axis}/windows", content=json.dumps(body), headers=JSON)
+            problem = assert_problem(answer, 422, "invalid-request")
+            assert problem["detail"].startswith(pointer + ":")
+            assert words in problem["detail"]
+            assert problem["errors"][0]["pointer"] == pointer.removeprefix("body")
+            assert shared_api.trend(axis) == []
+            assert shared_api.axis(axis)["refused_windows"] == {}
+            assert not (shared_api.data_dir / "raw").exists()
 
 
 UNREADABLE: dict[str, tuple[bytes, dict[str, str], int, str, str]] = {
@@ -101,11 +101,11 @@ UNREADABLE: dict[str, tuple[bytes, dict[str, str], int, str, str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", UNREADABLE)
-def test_unreadable_body_is_refused(shared_api: Api, axis: str, case: str) -> None:
-    content, headers, status, name, words = UNREADABLE[case]
-    answer = shared_api.http.post(f"/v1/axes/{axis}/windows", content=content, headers=headers)
-    assert words in assert_problem(answer, status, name)["detail"]
+def test_unreadable_body_is_refused(shared_api: Api, axis: str, subtests: pytest.Subtests) -> None:
+    for case, (content, headers, status, name, words) in UNREADABLE.items():
+        with subtests.test(case=case):
+            answer = shared_api.http.post(f"/v1/axes/{axis}/windows", content=content, headers=headers)
+            assert words in assert_problem(answer, status, name)["detail"]
 
 
 REFUSED: dict[str, tuple[str, str, Any, int, str, str]] = {
@@ -143,17 +143,19 @@ REFUSED: dict[str, tuple[str, str, Any, int, str, str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_request_is_refused_in_one_sentence(shared_api: Api, axis: str, case: str) -> None:
-    method, path, body, status, name, words = REFUSED[case]
-    before = shared_api.axis(axis)
-    answer = (
-        shared_api.http.request(method, path, json=body) if body is not None else shared_api.http.request(method, path)
-    )
-    assert words in assert_problem(answer, status, name)["detail"]
-    if status == 405:
-        assert answer.headers["allow"] == "GET, PUT"
-    assert shared_api.axis(axis) == before
+def test_request_is_refused_in_one_sentence(shared_api: Api, axis: str, subtests: pytest.Subtests) -> None:
+    for case, (method, path, body, status, name, words) in REFUSED.items():
+        with subtests.test(case=case):
+            before = shared_api.axis(axis)
+            answer = (
+                shared_api.http.request(method, path, json=body)
+                if body is not None
+                else shared_api.http.request(method, path)
+            )
+            assert words in assert_problem(answer, status, name)["detail"]
+            if status == 405:
+                assert answer.headers["allow"] == "GET, PUT"
+            assert shared_api.axis(axis) == before
 
 
 @pytest.mark.parametrize(

@@ -259,7 +259,6 @@ def test_inspections_and_new_nuts_begin_where_they_did(
         assert as_bytes(found) == as_bytes(wanted)
 
 
-@pytest.mark.release
 def test_it_goes_on_after_kill_9(
     under_first: Path, tmp_path: Path, fork_server: Callable[..., ServerProcess], under_second: dict[str, object]
 ) -> None:

@@ -128,7 +128,7 @@ def test_service_that_is_killed_goes_on_with_its_purge(
     server = fork_server(data_dir, port, **environment)
     server.wait_until_up()
     with httpx.Client(base_url=server.url, timeout=30.0, trust_env=False) as http:
-        api, deadline = Api(http, data_dir), time.monotonic() + 30.0
+        api, deadline = Api(http, data_dir), time.monotonic() + 60.0
         while (jobs := [job for job in api.http.get("/v1/jobs").json()["jobs"] if job["kind"] == "purge"])[0][
             "status"
         ] != "done":

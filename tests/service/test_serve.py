@@ -31,7 +31,6 @@ def run_serve(*words: str | Path, **environment: str) -> subprocess.CompletedPro
     )
 
 
-@pytest.mark.release
 def test_port_in_use_is_one_line(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

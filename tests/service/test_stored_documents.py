@@ -1,5 +1,6 @@
 """Stored documents that are damaged or of another version: their axis says so, and the others go on."""
 
+import itertools
 import json
 import sqlite3
 from contextlib import closing
@@ -51,37 +52,39 @@ def measured(api: Api, axis: str, hour: int) -> list:
     return [axis, windows]
 
 
-@pytest.mark.parametrize("how", HARMS)
-@pytest.mark.parametrize("column", COLUMNS)
-def test_axis_with_a_damaged_document_is_refused_and_others_go_on(shared_api: Api, column: str, how: str) -> None:
-    api = shared_api
-    for axis in ("broken", "well"):
-        if api.http.get(f"/v1/axes/{axis}").status_code == 404:
-            api.register(axis)
-            api.calibrate(axis)
-            api.accept(*measured(api, axis, 0))
-    hour = 1 + list(COLUMNS).index(column) * len(HARMS) + HARMS.index(how)
-    whole = stored(api.data_dir, column)
-    store(api.data_dir, column, damaged(whole, how))
-    try:
-        refused = api.post(*measured(api, "broken", hour))
-        detail = assert_problem(refused, 500, "document-damaged")["detail"]
-        assert COLUMNS[column] in detail
-        assert "cannot be read" in detail
-        if how == "newer":
-            assert f"expected version {json.loads(whole)['version']}; got 7" in detail
-        listed = api.http.get("/v1/axes").json()
-        assert [axis["id"] for axis in listed["axes"] if axis["id"] == "well"] == ["well"]
-        if column != "detector_design":  # only a measurement that is judged asks for the limits
-            assert [(axis["id"], axis["detail"]) for axis in listed["damaged"]] == [("broken", detail)]
-            assert_problem(api.http.get("/v1/axes/broken"), 500, "document-damaged")
-            assert "not monitored" in api.http.get("/").text
-        accepted = api.accept(*measured(api, "well", hour))
-        assert (accepted["accepted"], len(accepted["measurements"])) == (15, 1)
-        assert stored(api.data_dir, column) == damaged(whole, how)  # evidence: nothing was written over it
-    finally:
-        store(api.data_dir, column, whole)
-    assert api.accept(*measured(api, "broken", hour))["accepted"] == 15  # nothing of the refused request was stored
+def test_axis_with_a_damaged_document_is_refused_and_others_go_on(shared_api: Api, subtests: pytest.Subtests) -> None:
+    for how, column in itertools.product(HARMS, COLUMNS):
+        with subtests.test(how=how, column=column):
+            api = shared_api
+            for axis in ("broken", "well"):
+                if api.http.get(f"/v1/axes/{axis}").status_code == 404:
+                    api.register(axis)
+                    api.calibrate(axis)
+                    api.accept(*measured(api, axis, 0))
+            hour = 1 + list(COLUMNS).index(column) * len(HARMS) + HARMS.index(how)
+            whole = stored(api.data_dir, column)
+            store(api.data_dir, column, damaged(whole, how))
+            try:
+                refused = api.post(*measured(api, "broken", hour))
+                detail = assert_problem(refused, 500, "document-damaged")["detail"]
+                assert COLUMNS[column] in detail
+                assert "cannot be read" in detail
+                if how == "newer":
+                    assert f"expected version {json.loads(whole)['version']}; got 7" in detail
+                listed = api.http.get("/v1/axes").json()
+                assert [axis["id"] for axis in listed["axes"] if axis["id"] == "well"] == ["well"]
+                if column != "detector_design":  # only a measurement that is judged asks for the limits
+                    assert [(axis["id"], axis["detail"]) for axis in listed["damaged"]] == [("broken", detail)]
+                    assert_problem(api.http.get("/v1/axes/broken"), 500, "document-damaged")
+                    assert "not monitored" in api.http.get("/").text
+                accepted = api.accept(*measured(api, "well", hour))
+                assert (accepted["accepted"], len(accepted["measurements"])) == (15, 1)
+                assert stored(api.data_dir, column) == damaged(whole, how)  # evidence: nothing was written over it
+            finally:
+                store(api.data_dir, column, whole)
+            assert (
+                api.accept(*measured(api, "broken", hour))["accepted"] == 15
+            )  # nothing of the refused request was stored
 
 
 def test_configuration_and_limits_are_healed_by_sending_them_again(api: Api) -> None:

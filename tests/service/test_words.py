@@ -5,7 +5,6 @@
 
 import re
 from html.parser import HTMLParser
-from pathlib import Path
 
 import pytest
 from babel.messages.catalog import Catalog
@@ -116,10 +115,11 @@ def outside_catalogue(source: str) -> list[str]:
     return [text.strip() for text in parser.found if re.search(r"[^\W\d_]{2,}", re.sub(NAMES, "", text))]
 
 
-@pytest.mark.parametrize("path", sorted(TEMPLATES.glob("*.html")), ids=lambda path: path.name)
-def test_no_word_of_a_template_is_outside_the_catalogue(path: Path) -> None:
-    if path.name not in OF_OTHERS:
-        assert not outside_catalogue(path.read_text(encoding="utf-8"))
+def test_no_word_of_a_template_is_outside_the_catalogue(subtests: pytest.Subtests) -> None:
+    for path in sorted(TEMPLATES.glob("*.html")):
+        with subtests.test(path=path):
+            if path.name not in OF_OTHERS:
+                assert not outside_catalogue(path.read_text(encoding="utf-8"))
 
 
 def test_a_word_outside_is_found() -> None:

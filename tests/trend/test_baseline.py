@@ -77,45 +77,46 @@ def test_a_time_without_zone_is_refused():
 # --- the filter ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("structure", range(len(STRUCTURES)))
-def test_the_filter_is_the_multivariate_t_of_all_sessions_together(structure):
+def test_the_filter_is_the_multivariate_t_of_all_sessions_together(subtests):
     """Closed form without any filter: conditional of Student's multivariate t on irregular days."""
-    rng = np.random.default_rng(structure)
-    phi, share = STRUCTURES[structure].correlation, STRUCTURES[structure].share
-    days = np.sort(rng.choice(90, 25, replace=False)).astype(float)
-    days -= days[0]
-    temperatures = 20.0 + 4.0 * rng.standard_normal(25)
-    values = 300.0 + 0.9 * (temperatures - 20.0) + 5.0 * rng.standard_normal(25)
-    sessions = [
-        first_of(Observation(START + d * DAY, v, temperature=t))
-        for d, v, t in zip(days, values, temperatures, strict=True)
-    ]
-    prior = only(structure)
-    belief = begin(sessions[0], prior, 30.0)
-    for session in sessions[:-1]:
-        belief = learn(belief, predict(belief, session), session)
+    for structure in range(len(STRUCTURES)):
+        with subtests.test(structure=structure):
+            rng = np.random.default_rng(structure)
+            phi, share = STRUCTURES[structure].correlation, STRUCTURES[structure].share
+            days = np.sort(rng.choice(90, 25, replace=False)).astype(float)
+            days -= days[0]
+            temperatures = 20.0 + 4.0 * rng.standard_normal(25)
+            values = 300.0 + 0.9 * (temperatures - 20.0) + 5.0 * rng.standard_normal(25)
+            sessions = [
+                first_of(Observation(START + d * DAY, v, temperature=t))
+                for d, v, t in zip(days, values, temperatures, strict=True)
+            ]
+            prior = only(structure)
+            belief = begin(sessions[0], prior, 30.0)
+            for session in sessions[:-1]:
+                belief = learn(belief, predict(belief, session), session)
 
-    angle = 2.0 * math.pi * days / 365.25
-    warmer = np.append(0.0, np.diff(temperatures) / np.diff(days)) / 10.0  # in a day
-    x = np.column_stack([
-        np.ones(25), 1.0 - np.cos(angle), np.sin(angle), warmer, (temperatures - temperatures[0]) / 10.0
-    ])  # fmt: skip
-    variances = np.array([1e4, *(d**2 for d in prior.deviations[:4])])
-    apart = np.abs(days[:, None] - days)
-    # with no correlation, 0⁰ = 1 on the diagonal
-    dependence = share * phi**apart + (1.0 - share) * np.eye(25)
-    shape = 30.0 * (x @ np.diag(variances) @ x.T + dependence)
-    error = values - values[0]
-    old, cross = shape[:-1, :-1], shape[-1, :-1]
-    weights = np.linalg.solve(old, cross)
-    nu = prior.degrees_of_freedom
-    squares = error[:-1] @ np.linalg.solve(old, error[:-1])
-    scale = math.sqrt((nu + squares) / (nu + 24) * (shape[-1, -1] - cross @ weights))
-    expected = stats.norm.ppf(stats.t.cdf((error[-1] - weights @ error[:-1]) / scale, nu + 24))
-    prediction = predict(belief, sessions[-1])
-    assert prediction.value == pytest.approx(values[0] + weights @ error[:-1], rel=1e-6)
-    # the autoregression begins in its stationary state in both
-    assert prediction.residual(values[-1]) == pytest.approx(expected, abs=1e-5)
+            angle = 2.0 * math.pi * days / 365.25
+            warmer = np.append(0.0, np.diff(temperatures) / np.diff(days)) / 10.0  # in a day
+            x = np.column_stack([
+                np.ones(25), 1.0 - np.cos(angle), np.sin(angle), warmer, (temperatures - temperatures[0]) / 10.0
+            ])  # fmt: skip
+            variances = np.array([1e4, *(d**2 for d in prior.deviations[:4])])
+            apart = np.abs(days[:, None] - days)
+            # with no correlation, 0⁰ = 1 on the diagonal
+            dependence = share * phi**apart + (1.0 - share) * np.eye(25)
+            shape = 30.0 * (x @ np.diag(variances) @ x.T + dependence)
+            error = values - values[0]
+            old, cross = shape[:-1, :-1], shape[-1, :-1]
+            weights = np.linalg.solve(old, cross)
+            nu = prior.degrees_of_freedom
+            squares = error[:-1] @ np.linalg.solve(old, error[:-1])
+            scale = math.sqrt((nu + squares) / (nu + 24) * (shape[-1, -1] - cross @ weights))
+            expected = stats.norm.ppf(stats.t.cdf((error[-1] - weights @ error[:-1]) / scale, nu + 24))
+            prediction = predict(belief, sessions[-1])
+            assert prediction.value == pytest.approx(values[0] + weights @ error[:-1], rel=1e-6)
+            # the autoregression begins in its stationary state in both
+            assert prediction.residual(values[-1]) == pytest.approx(expected, abs=1e-5)
 
 
 def test_residual_of_a_new_session_has_unit_variance_over_all_baselines():

@@ -26,6 +26,7 @@ from monitor_core.trend import (
     step,
 )
 from monitor_core.trend.bootstrap import ChartedSession, charted_sessions, found_rate
+from tests.conftest import canary
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
 DAY = timedelta(days=1)
@@ -62,8 +63,7 @@ def watching():
 # --- false alarms ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("row", ["independent", "AR(1) 0.5", "shop", "5 a day", "lubrication, 1 down, torque"])
+@pytest.mark.parametrize("row", canary(["independent", "AR(1) 0.5", "shop", "5 a day", "lubrication, 1 down, torque"]))
 def test_healthy_axes_have_the_stated_rate_of_false_alarms_however_their_days_depend_on_each_other(row):
     """The benchmark of this name draws 300 axes in each of its rows."""
     found = [alarms_of(row, 11, axis)[0] for axis in range(60)]

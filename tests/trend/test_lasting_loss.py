@@ -136,24 +136,25 @@ def test_onset_and_size_are_those_of_the_step_and_the_healthy_level_is_the_one_b
     assert learnt < mean - 7.0  # what the belief had taken for its level is given back
 
 
-@pytest.mark.parametrize("structure", range(len(STRUCTURES)))
-def test_the_healthy_level_under_a_loss_is_that_of_a_regression_with_a_step(monkeypatch, structure):
+def test_the_healthy_level_under_a_loss_is_that_of_a_regression_with_a_step(monkeypatch, subtests):
     """Bayesian linear regression of all sessions at once, the step one of its columns."""
-    monkeypatch.setattr(lasting_loss, "KEPT", 1000)
-    monkeypatch.setattr(lasting_loss, "LARGEST_WORD", math.inf)
-    values = 300.0 + 5.0 * np.random.default_rng(7).uniform(-1.0, 1.0, 60) + 6.0 * (np.arange(60) >= 30)
-    days = np.arange(60.0)
-    beginnings, _, belief = weighed(values, prior=only(structure))[-1]
-    healthy = without_loss(belief, beginnings, START + 30 * DAY, 1.0)
+    for structure in range(len(STRUCTURES)):
+        with subtests.test(structure=structure):
+            monkeypatch.setattr(lasting_loss, "KEPT", 1000)
+            monkeypatch.setattr(lasting_loss, "LARGEST_WORD", math.inf)
+            values = 300.0 + 5.0 * np.random.default_rng(7).uniform(-1.0, 1.0, 60) + 6.0 * (np.arange(60) >= 30)
+            days = np.arange(60.0)
+            beginnings, _, belief = weighed(values, prior=only(structure))[-1]
+            healthy = without_loss(belief, beginnings, START + 30 * DAY, 1.0)
 
-    angle = 2.0 * math.pi * days / 365.25
-    x = np.column_stack([np.ones(60), 1.0 - np.cos(angle), np.sin(angle), days >= 30])
-    own = STRUCTURES[structure]
-    apart = np.abs(days[:, None] - days)
-    inverse = np.linalg.inv(own.share * own.correlation**apart + (1.0 - own.share) * np.eye(60))
-    precision = x.T @ inverse @ x + np.diag([1e-4, *(d**-2.0 for d in Prior().deviations[:2]), STEP**-2])
-    level = np.linalg.solve(precision, x.T @ inverse @ (values - values[0]))[0]
-    assert healthy_value(healthy, START)[0] == pytest.approx(values[0] + level, abs=1e-4)
+            angle = 2.0 * math.pi * days / 365.25
+            x = np.column_stack([np.ones(60), 1.0 - np.cos(angle), np.sin(angle), days >= 30])
+            own = STRUCTURES[structure]
+            apart = np.abs(days[:, None] - days)
+            inverse = np.linalg.inv(own.share * own.correlation**apart + (1.0 - own.share) * np.eye(60))
+            precision = x.T @ inverse @ x + np.diag([1e-4, *(d**-2.0 for d in Prior().deviations[:2]), STEP**-2])
+            level = np.linalg.solve(precision, x.T @ inverse @ (values - values[0]))[0]
+            assert healthy_value(healthy, START)[0] == pytest.approx(values[0] + level, abs=1e-4)
 
 
 def test_a_rise_is_no_loss_and_one_session_says_nothing_that_lasts():
