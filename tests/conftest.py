@@ -8,11 +8,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from service.blas_threads import compute_in_one_thread
 from service.cli.main import main
 
 compute_in_one_thread()  # as in the command line
+
+# on a machine that is busy an example may take any time
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
 
 PROJECT_ROOT = Path(__file__).resolve().parent.parent
 

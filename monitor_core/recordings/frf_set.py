@@ -119,9 +119,7 @@ def _require(fits: BoolArray, values: FloatArray | ComplexArray, expected: str, 
     """Refuse a column by its first value that does not fit."""
     if not fits.all():
         i = int(np.argmin(fits))
-        raise RecordingFormatError(
-            f"{where}: expected {expected}; value {i + 1} of {fits.size} is {values[i]}"
-        )
+        raise RecordingFormatError(f"{where}: expected {expected}; value {i + 1} of {fits.size} is {values[i]}")
 
 
 def write_condition(group: "h5py.Group", measured: MeasuredResponse) -> None:

@@ -29,23 +29,12 @@ _BEGINNINGS: dict[ChannelKind | None, tuple[str, ...]] = {
     ChannelKind.TORQUE: ("torq", "trq", "drehmo", "moment", "couple", "coppia"),
     ChannelKind.FORCE: ("forc", "kraft", "hammer", "impact", "impuls", "loadcell", "forza"),
     ChannelKind.POSITION: (
-        "pos",
-        "lage",
-        "weg",
-        "displ",
-        "encod",
-        "travel",
-        "stroke",
-        "geber",
-        "scale",
-        "maßst",
-        "massst",
-        "règle",
+        "pos", "lage", "weg", "displ", "encod", "travel", "stroke", "geber", "scale", "maßst", "massst", "règle",
         "regle",
     ),
     ChannelKind.FREQUENCY: ("freq", "hz"),
     ChannelKind.TIME: ("time", "zeit", "elapsed"),
-}
+}  # fmt: skip
 #: A drive's current stands for its torque, where no other word says what is current ("current position").
 _CURRENT = ("current", "strom", "courant", "ampere", "iq")
 #: Whole names that people give.
