@@ -69,7 +69,7 @@ from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
 from service.store.safekeeping.database_file import require_database_of
-from service.store.waveform_files import files_at
+from service.store.waveform_objects import files_at
 from service.store.waveforms import WaveformStore
 from service.web.pages import PAGES
 from service.web.site import STATIC, Site

@@ -4,63 +4,35 @@
 judges what was found, and answers with an :class:`Explanation`.
 """
 
-from monitor_core.discrepancy.description.variation import Place
-from monitor_core.discrepancy.explain_axis import ExplainOptions, Measured, explain, require_explainable
-from monitor_core.discrepancy.explanation import (
-    Candidate,
-    Described,
-    DescribedAlternative,
-    Explanation,
-    FoundEffect,
-    FoundParameter,
-    GapPair,
-    Misfit,
-    MisfitMap,
-    MisfitPlace,
-    NextStep,
-    Outcome,
-    RecordFault,
-    Step,
-    StepEffect,
-    StepKind,
-    Unfinished,
-    Untested,
-    UntestedReason,
-    WrongRecord,
+from monitor_core.discrepancy.description.variation import Place as Place
+from monitor_core.discrepancy.explain_axis import (
+    ExplainOptions as ExplainOptions,
+    Measured as Measured,
+    explain as explain,
+    require_explainable as require_explainable,
 )
-from monitor_core.discrepancy.verdict.classes import AMPLITUDE_LAW, TIME_LAW
-from monitor_core.fitting.conditions.groups import Dimension, Extent
-from monitor_core.fitting.conditions.settings import SettingTolerances
-
-__all__ = [
-    "AMPLITUDE_LAW",
-    "TIME_LAW",
-    "Candidate",
-    "Described",
-    "DescribedAlternative",
-    "Dimension",
-    "ExplainOptions",
-    "Explanation",
-    "Extent",
-    "FoundEffect",
-    "FoundParameter",
-    "GapPair",
-    "Measured",
-    "Misfit",
-    "MisfitMap",
-    "MisfitPlace",
-    "NextStep",
-    "Outcome",
-    "Place",
-    "RecordFault",
-    "SettingTolerances",
-    "Step",
-    "StepEffect",
-    "StepKind",
-    "Unfinished",
-    "Untested",
-    "UntestedReason",
-    "WrongRecord",
-    "explain",
-    "require_explainable",
-]
+from monitor_core.discrepancy.explanation import (
+    Candidate as Candidate,
+    Described as Described,
+    DescribedAlternative as DescribedAlternative,
+    Explanation as Explanation,
+    FoundEffect as FoundEffect,
+    FoundParameter as FoundParameter,
+    GapPair as GapPair,
+    Misfit as Misfit,
+    MisfitMap as MisfitMap,
+    MisfitPlace as MisfitPlace,
+    NextStep as NextStep,
+    Outcome as Outcome,
+    RecordFault as RecordFault,
+    Step as Step,
+    StepEffect as StepEffect,
+    StepKind as StepKind,
+    Unfinished as Unfinished,
+    Untested as Untested,
+    UntestedReason as UntestedReason,
+    WrongRecord as WrongRecord,
+)
+from monitor_core.discrepancy.verdict.classes import AMPLITUDE_LAW as AMPLITUDE_LAW, TIME_LAW as TIME_LAW
+from monitor_core.fitting.conditions.groups import Dimension as Dimension, Extent as Extent
+from monitor_core.fitting.conditions.settings import SettingTolerances as SettingTolerances

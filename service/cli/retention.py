@@ -16,7 +16,7 @@ from service.operations.purge import Purge
 from service.operations.retention import Rule, rule_of, survey
 from service.settings import Settings
 from service.store.database import Database
-from service.store.waveform_files import files_at
+from service.store.waveform_objects import files_at
 from service.store.waveforms import WaveformStore
 
 _days = click.option("--days", type=click.IntRange(1, 36500), help="As if PRELOAD_KEEP_RAW_DAYS were this.")

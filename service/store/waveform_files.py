@@ -282,15 +282,6 @@ class _FolderFrame:
             raise
 
 
-def files_at(data_dir: Path, url: str | None) -> WaveformFiles:
-    """Return the files below a data folder, or those of a store where one is named; raises DataFolderError."""
-    if url is None:
-        return FolderFiles(data_dir, FrameWriter())
-    from service.store.waveform_objects import ObjectFiles  # noqa: PLC0415  # an extra
-
-    return ObjectFiles(url)
-
-
 @contextmanager
 def storage_errors(outcome: str = "nothing of the request is stored") -> Iterator[None]:
     """Turn a failure of the disk into an error of the service, which says what came of it."""

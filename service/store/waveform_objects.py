@@ -9,10 +9,12 @@ import errno
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from service.errors import DataFolderError
-from service.store.waveform_files import FOLDER, SUFFIX, Content, read_frame, write_whole
+from service.store.frame_writer import FrameWriter
+from service.store.waveform_files import FOLDER, SUFFIX, Content, FolderFiles, WaveformFiles, read_frame, write_whole
 
 #: Fetched at once: a frame of a few windows as a whole.
 _BLOCK_BYTES = 2**20
@@ -117,3 +119,8 @@ def _as_of_a_disk() -> Iterator[None]:
         yield
     except (BotoCoreError, ClientError) as error:
         raise OSError(errno.EIO, str(error)) from error
+
+
+def files_at(data_dir: Path, url: str | None) -> WaveformFiles:
+    """Return the files below a data folder, or those of a store where one is named; raises DataFolderError."""
+    return FolderFiles(data_dir, FrameWriter()) if url is None else ObjectFiles(url)

@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 from tests.conftest import PROJECT_ROOT
@@ -71,6 +72,41 @@ def lines_of_one(path: Path) -> list[int]:
     names = [(node.lineno, node.id) for node in nodes if isinstance(node, ast.Name)]
     names += [(node.lineno, node.arg) for node in nodes if isinstance(node, ast.arg)]
     return [line for line, name in names if name == "one"]
+
+
+def product_modules() -> dict[str, ast.Module]:
+    files = {path.relative_to(PROJECT_ROOT): path for path in sources("monitor_core", "service", "preload_client")}
+    trees = {".".join(name.with_suffix("").parts): ast.parse(path.read_text("utf-8")) for name, path in files.items()}
+    return {name.removesuffix(".__init__"): tree for name, tree in trees.items()}
+
+
+#: A summary begins with one of these; a paragraph after it that does, too, is the summary of something else.
+IMPERATIVE = re.compile(
+    r"(Add|Answer|Arrange|Ask|Assign|Average|Build|Check|Choose|Collect|Compare|Compute|Convert|Copy|Count|Decide|"
+    r"Define|Derive|Describe|Differentiate|Draw|Estimate|Evaluate|Explain|Find|Fit|Free|Give|Group|Guard|Hold|"
+    r"Identify|Integrate|Join|Judge|Keep|Learn|Lay|List|Locate|Look|Make|Measure|Model|Name|Parse|Place|Plan|Pose|"
+    r"Predict|Prepare|Print|Propose|Put|Query|Read|Recognise|Record|Records|Refuse|Remember|Replace|Report|Run|Say|"
+    r"Screen|Search|Send|Serve|Show|Simulate|Solve|Sort|Start|State|Step|Stop|Store|Take|Tell|Test|Trace|Try|Turn|"
+    r"Weigh|Write)\b"
+)
+
+
+def test_the_docstring_of_a_module_says_one_thing() -> None:
+    for name, tree in product_modules().items():
+        summary, *rest = (ast.get_docstring(tree) or "").split("\n\n")
+        assert "\n" not in summary, name
+        assert not [paragraph for paragraph in rest if IMPERATIVE.match(paragraph)], name
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    trees = product_modules()
+    imports: dict[str, set[str]] = {}
+    for name, tree in trees.items():
+        nodes = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+        named = {(f"{node.module}.{alias.name}", node.module) for node in nodes for alias in node.names}
+        # a package lends what its modules define: who asks the package for a name does not import all of them
+        imports[name] = {module if module in trees else package for module, package in named} & trees.keys() - {name}
+    TopologicalSorter(imports).prepare()  # raises CycleError, with the circle
 
 
 def test_the_list_finds_what_it_names() -> None:

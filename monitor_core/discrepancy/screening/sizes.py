@@ -1,6 +1,6 @@
 """Choose the sizes, ratios and frequencies at which an effect is tried.
 
-Record what the screening of an effect predicts.
+What the screening of an effect predicts at them is recorded here, too.
 """
 
 from collections.abc import Iterator

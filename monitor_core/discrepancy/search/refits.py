@@ -1,10 +1,10 @@
 """Refit the effects that screening finds promising, each from its best start.
 
-Find starts of fits with an effect substituted for a pulled parameter, or for another effect.
-
 A parameter that has been pulled far from what is stated may stand in for an effect: the two may add up to the same
 along a valley that is too long and bent for a fit to go through. And once an effect has brought the model to the data,
 others may do as well that screening from far away has missed.
+
+A fit also starts with an effect in place of a pulled parameter, or of another effect.
 """
 
 import math

@@ -1,7 +1,5 @@
 """Hold what a search works on: comparison, axis, candidates, settings, and the fits that are known already.
 
-Judge how far a fit is from the data, and what can be relied upon at that distance.
-
 The gap is measured in noise floors: at 1 nothing is left to find, below ``_ONE_MINIMUM`` a fit has not ended in a false
 minimum, beyond ``_FAR`` nothing makes up by chance for what is missing. Where misfits are small the model is nearly
 linear in what may be added, and screening foretells what refits find.

@@ -1,8 +1,6 @@
-"""Read named values of one place in a file (HDF5 attributes, a TOML table), each with its type and unit.
+"""Read named values of one place, each with its type and unit: HDF5 attributes, a TOML table, a JSON document.
 
-Read and write instants: RFC 3339 with a zone, never without.
-
-Read named values of a JSON document: objects, lists, numbers; what does not fit is refused with its place.
+What does not fit is refused with its place. Instants are RFC 3339 with a zone, never without.
 """
 
 import math

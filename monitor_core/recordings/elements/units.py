@@ -1,6 +1,6 @@
 """Convert the units of a file or a channel map to SI, each by one factor. No unit is ever assumed.
 
-Name the unit of a frequency response: excitation and response imply it; it is compared, never converted.
+The unit of a frequency response follows from excitation and response: it is compared, never converted.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Serve an application: opened before the port is listened on, announced after, closed when the last answer is out.
 
-Run a service inside this process, for ``preload demo`` and the tests: real HTTP on a free loopback port.
+For ``preload demo`` and the tests a service runs inside this process: real HTTP on a free loopback port.
 """
 
 import threading

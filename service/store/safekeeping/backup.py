@@ -1,9 +1,9 @@
-"""Copy a data folder while a service works on it, so that the copy is what the database held at one moment.
+"""Copy a data folder while a service works on it, as the database held it at one moment, and put a copy back.
 
 The database is copied first, by SQLite itself; the waveforms it names were on disk before their rows, and what a row
 names never changes. ``backup.json`` says what the copy holds, with a hash of every file.
 
-Put a backup back into an empty data folder, after it was verified.
+A copy goes back into an empty data folder alone, after it was verified.
 """
 
 import hashlib

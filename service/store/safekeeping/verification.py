@@ -1,6 +1,6 @@
 """Compare the waveforms on disk with what the database says of them.
 
-Write a lost or damaged waveform once more, from the same window sent again.
+A lost or damaged waveform is written once more, from the same window sent again.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
