@@ -226,9 +226,8 @@ def _page(axis: str, on: Services, query: TrendQuery) -> tuple[list[TrendPointOu
 
 
 def _etag(query: TrendQuery, revision: int, stale: Stale | None) -> str:
-    said = f"{version('preload-monitor')} {query.model_dump_json()} {stale}"
-    asked = hashlib.sha256(said.encode()).hexdigest()[:16]
-    return f'"{revision}-{asked}"'
+    asked = f"{version('preload-monitor')} {query.model_dump_json()} {stale}"
+    return f'"{revision}-{hashlib.sha256(asked.encode()).hexdigest()[:16]}"'
 
 
 def _etags(header: str) -> list[str]:
@@ -293,12 +292,12 @@ def get_evidence(axis: AxisId, measurement: RowId, on: ServicesOf) -> EvidenceOu
     """Return the whole response of a measurement with the baseline's, and what other calibrations say of it."""
     view = on.trend.measurement(axis, measurement)
     evidence = evidence_of(on.database, on.waveforms, axis, view)
-    found = evidence.responses()
+    responses = evidence.responses()
     return EvidenceOut(
-        band_hz=found.band,
-        response=_response_out(found.measured),
-        baseline_response=_response_out(found.baseline),
-        n_baseline=found.n_baseline,
+        band_hz=responses.band,
+        response=_response_out(responses.measured),
+        baseline_response=_response_out(responses.baseline),
+        n_baseline=responses.n_baseline,
         judgements=[judgement_out(judgement) for judgement in evidence.judgements()],
     )
 

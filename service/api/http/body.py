@@ -106,8 +106,8 @@ def _from_json(body: bytes) -> object:
 
 def _windows_of(document: object) -> Iterator[dict[str, object]]:
     """Return the windows of a document, whether it is one or holds a list of them."""
-    found = document.get("windows", [document]) if isinstance(document, dict) else []
-    return (window for window in found if isinstance(window, dict)) if isinstance(found, list) else iter(())
+    windows = document.get("windows", [document]) if isinstance(document, dict) else []
+    return (window for window in windows if isinstance(window, dict)) if isinstance(windows, list) else iter(())
 
 
 class _PackedBody:

@@ -106,9 +106,9 @@ def install_problem_handlers(app: FastAPI) -> None:
     @app.exception_handler(RequestValidationError)
     async def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:
         items = [{"pointer": _pointer(item["loc"]), "detail": _detail(item)} for item in error.errors()]
-        first, more = items[0], f" (and {len(items) - 1} more)" if len(items) > 1 else ""
+        refused, more = items[0], f" (and {len(items) - 1} more)" if len(items) > 1 else ""
         return problem(
-            422, "invalid-request", f"{first['pointer'] or 'body'}: {first['detail']}{more}", errors=items[:50]
+            422, "invalid-request", f"{refused['pointer'] or 'body'}: {refused['detail']}{more}", errors=items[:50]
         )
 
     @app.exception_handler(HTTPException)
