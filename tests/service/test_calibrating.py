@@ -21,7 +21,7 @@ from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.session_hdf5 import write_session
 from service.documents.map_form import FieldTable, filled_map, map_fields
 from service.operations.calibrating import fit_job
-from service.operations.recordings import recordings
+from service.operations.recordings import file_check
 from tests.service import stand_in_readers as stand_ins
 from tests.service.conftest import CONFIGURATION, START, Api, running_service, simulated_measurement
 from tests.service.test_jobs import wait_for
@@ -290,7 +290,7 @@ def test_a_file_that_holds_no_windows_says_what_was_expected(api: Api, name: str
 
 
 def test_a_look_that_a_reader_ends_says_so(api: Api, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recordings, "checked", stand_ins.aborts)
+    monkeypatch.setattr(file_check, "checked", stand_ins.aborts)
     _, job = upload(api, ("made.session.h5", session_bytes(tmp_path)))
     assert not job["result"]["valid"]
     assert "made.session.h5: expected a recording that can be read" in job["result"]["problems"][0]
