@@ -165,7 +165,7 @@ def test_the_augmented_model_is_the_axis(far_bearing) -> None:
 def test_the_misfit_is_located_before_and_gone_after(far_bearing) -> None:
     assert far_bearing.localisation
     assert far_bearing.remainder == ()
-    assert [picture.title.rpartition(" over ")[2] for picture in far_bearing.maps] == ["position", "preload"]
+    assert [str(picture.over) for picture in far_bearing.maps] == ["position", "preload"]
     for misfit_map in far_bearing.maps:
         assert np.nanmax(misfit_map.before) > 20.0
         assert np.nanmax(misfit_map.after) < 2.0

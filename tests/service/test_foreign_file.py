@@ -32,6 +32,14 @@ from tests.service.stand_in_readers import MIB
 LONGEST = 60.0
 
 
+@pytest.fixture
+def no_process_is_left() -> Iterator[None]:
+    """Expect that each process that the test starts has ended; others of this one may be older."""
+    older = set(multiprocessing.active_children())
+    yield
+    assert set(multiprocessing.active_children()) <= older
+
+
 @pytest.fixture(params=["forked", "from the fork server"])
 def either_way(request: pytest.FixtureRequest) -> Iterator[None]:
     """Read as a command does, and as a service does, which has threads."""
@@ -56,7 +64,7 @@ ENDS: dict[str, tuple[Callable[..., Any], str]] = {
 }
 
 
-@pytest.mark.usefixtures("either_way")
+@pytest.mark.usefixtures("either_way", "no_process_is_left")
 @pytest.mark.parametrize("end", ENDS)
 def test_an_end_of_the_reader_is_one_sentence(monkeypatch: pytest.MonkeyPatch, end: str) -> None:
     monkeypatch.setattr(foreign_file, "BOUNDS", Bounds(256 * MIB, 900.0))
@@ -67,15 +75,13 @@ def test_an_end_of_the_reader_is_one_sentence(monkeypatch: pytest.MonkeyPatch, e
     assert sentence.startswith("p.npz: expected a recording that")
     assert words in sentence
     assert "\n" not in sentence
-    assert multiprocessing.active_children() == []
 
 
-@pytest.mark.usefixtures("either_way")
+@pytest.mark.usefixtures("either_way", "no_process_is_left")
 def test_a_reader_without_progress_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(foreign_file, "BOUNDS", Bounds(256 * MIB, 0.6))
     with pytest.raises(RecordingFormatError, match=r"p\.npz: expected a recording that is read within 0\.01 minutes"):
         read_foreign(stand_ins.never_ends, "p.npz")
-    assert multiprocessing.active_children() == []
 
 
 def steps(report: Report) -> str:
@@ -98,19 +104,19 @@ def test_a_reader_that_goes_on_may_take_its_time(monkeypatch: pytest.MonkeyPatch
         assert process.answer() == "read"
 
 
-@pytest.mark.usefixtures("either_way")
+@pytest.mark.usefixtures("either_way", "no_process_is_left")
 def test_errors_keep_their_class_and_text() -> None:
     with pytest.raises(RecordingFormatError) as refusal:
         read_foreign(stand_ins.refuses, "a.mat")
     assert str(refusal.value) == "a.mat: expected numbers; got none"
-    with pytest.raises(RuntimeError) as odd:  # its class takes something else
+    # its class takes something else: by name and text, or as it is where a library has taught pickle to send it
+    with pytest.raises(Exception, match=r"^(OddError: )?a\.mat is odd: 7$"):
         read_foreign(stand_ins.is_odd, "a.mat")
-    assert str(odd.value) == "OddError: a.mat is odd: 7"
     with pytest.raises(MissingReaderError, match=r"a\.mat: expected the library that reads it; it cannot be loaded"):
         read_foreign(stand_ins.lacks_its_library, "a.mat")
 
 
-@pytest.mark.usefixtures("either_way")
+@pytest.mark.usefixtures("either_way", "no_process_is_left")
 def test_arrays_arrive_as_they_are() -> None:
     fixed, free = read_foreign(stand_ins.gives_arrays, "a.mat")
     np.testing.assert_array_equal(fixed, np.arange(5.0))
@@ -130,7 +136,7 @@ def session_file(tmp_path: Path) -> Path:
     return tmp_path / "a.session.h5"
 
 
-@pytest.mark.usefixtures("either_way")
+@pytest.mark.usefixtures("either_way", "no_process_is_left")
 def test_a_session_gives_its_windows_in_any_order(session_file: Path) -> None:
     with open_session(session_file) as here, foreign_session(session_file) as elsewhere:
         assert elsewhere.measurements == here.measurements
@@ -139,7 +145,6 @@ def test_a_session_gives_its_windows_in_any_order(session_file: Path) -> None:
                 np.testing.assert_array_equal(window.excitation, expected.excitation)
                 assert not window.excitation.flags.writeable
                 assert (window.started_at, window.conditions) == (expected.started_at, expected.conditions)
-    assert multiprocessing.active_children() == []
 
 
 def test_a_window_that_is_refused_is_refused_by_the_same_sentence(session_file: Path) -> None:
