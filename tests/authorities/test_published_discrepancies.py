@@ -180,6 +180,7 @@ def test_the_loss_factor_is_named_and_the_tolerances_take_up_the_frequency() -> 
 # --- Nguyen et al. (2018) --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.release
 def test_table_1_as_printed_has_a_wrong_bracket_stiffness(published_data) -> None:
     """63.3 Hz without it, 7.27 Hz with it; the rest has the shape of the far bearing, and no mass is taken away."""
     printed = DescribedDrive(replace(bundled("lumped").parameters, bracket_stiffness=2.1e7), {}, {})

@@ -13,6 +13,7 @@ from service.store.jobs import ReportStore
 from service.store.tables import JobRow
 from tests.browser.conftest import LOOKS, WITH_AND_WITHOUT_SCRIPT, Site, Visit, violations
 from tests.browser.test_fleet_page import small_targets, small_texts
+from tests.conftest import canary
 from tests.service.conftest import START
 from tests.service.test_discrepancies import MODEL
 from tests.service.test_jobs import wait_for
@@ -38,7 +39,7 @@ def entries(site: Site, axis: str) -> list[dict[str, object]]:
 
 
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
-@pytest.mark.parametrize("path", PAGES)
+@pytest.mark.parametrize("path", canary(PAGES))
 def test_everybody_can_read_it(served: Site, visit: Visit, path: str, size: str, theme: str) -> None:
     page = visit(served.url, path, size, theme)
     assert not violations(page)

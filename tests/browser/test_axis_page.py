@@ -8,10 +8,11 @@ from playwright.sync_api import Page, expect
 from tests.browser.conftest import LOOKS, SIZES, Site, Visit, bytes_of, violations, zoom_by_dragging
 from tests.browser.states import MISSING, STATES
 from tests.browser.test_fleet_page import small_targets, small_texts
+from tests.conftest import canary
 
 
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
-@pytest.mark.parametrize("axis", ["alarm", "long"])
+@pytest.mark.parametrize("axis", canary(["alarm", "long"]))
 def test_everybody_can_read_it(served: Site, visit: Visit, axis: str, size: str, theme: str) -> None:
     page = visit(served.url, f"/axes/{axis}", size, theme)
     for summary in page.locator("summary").all():
@@ -22,7 +23,7 @@ def test_everybody_can_read_it(served: Site, visit: Visit, axis: str, size: str,
     assert small_targets(page) == []
 
 
-@pytest.mark.parametrize("axis", [axis for axis in STATES if axis != "alarm"])
+@pytest.mark.parametrize("axis", canary(axis for axis in STATES if axis != "alarm"))
 def test_every_state_can_be_read(served: Site, visit: Visit, axis: str) -> None:
     assert not violations(visit(served.url, f"/axes/{axis}", "phone", "dark"))
 

@@ -104,6 +104,7 @@ def test_a_file_that_cannot_be_taken_says_what_was_expected(
     expect(page.locator("table")).to_contain_text(name)  # it is kept
 
 
+@pytest.mark.release
 def test_a_chosen_file_stays_chosen_while_others_measure(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, "/axes/normal/import")
     page.locator("#file").set_input_files(SESSION)

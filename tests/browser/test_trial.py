@@ -52,6 +52,7 @@ def test_everybody_can_read_the_offer(empty_service: Site, visit: Visit, size: s
     assert not violations(visit(empty_service.url, "/", size, theme))
 
 
+@pytest.mark.release
 def test_one_click_makes_a_year_and_one_puts_it_away(empty_service: Site, visit: Visit) -> None:
     page = visit(empty_service.url, "/")
     page.get_by_role("button", name="Make the trial axis").click()

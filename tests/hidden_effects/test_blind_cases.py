@@ -146,6 +146,7 @@ def test_what_is_alike_in_all_settings_is_not_seen_better_in_more_of_them() -> N
     assert of_many == pytest.approx(of_few, rel=0.15)
 
 
+@pytest.mark.release
 def test_the_scatter_of_a_torque_is_no_trace_of_what_depends_on_it(monkeypatch) -> None:
     """What a stronger torque makes of a spring that hardens little is mostly noise, which no other torque repeats."""
     case = draw_case("cubic-stiffness", "small", seed=8, respond=transmission_line.respond,
@@ -200,6 +201,7 @@ def test_d_prime_of_a_gain_is_how_many_tolerances_it_is_off(size, kind) -> None:
     assert 0.95 * off < found <= off
 
 
+@pytest.mark.release
 def test_d_prime_of_a_tag_is_at_most_how_many_tolerances_it_is_off_and_less_where_that_hardly_matters() -> None:
     for size in (0, 2):
         found, off = one_record("preload-tag", size)

@@ -1,6 +1,7 @@
 """Gain and phase of hammer, torque and accelerometer are known to some per cent: what that does to joints."""
 
 import numpy as np
+import pytest
 
 from monitor_core.fitting.residuals.lines import ResidualForm, response_problem
 from monitor_core.fitting.residuals.response_factors import EXACT, FactorTolerance
@@ -20,6 +21,7 @@ def fitted(measured: tuple, factors: FactorTolerance) -> LocalFit:
     return fit_local(response_problem(drive, measured, factors=factors), BOUNDS, first.coordinates.values)
 
 
+@pytest.mark.release
 def test_gains_and_phases_of_2_percent_and_a_degree_once_moved_joints_out_of_their_intervals():
     """95 % intervals of 60 stiffnesses; the same data with factors taken for exact miss half of them."""
     rng, covers, chi_squared = np.random.default_rng(SEED), {}, {}

@@ -65,6 +65,7 @@ def test_modes_at_50_and_75_hz_with_14_percent_are_told_apart_or_refused(subtest
             assert_right_or_refused(measured(modes, rate, int(rate * seconds), (20.0, 150.0)), modes)
 
 
+@pytest.mark.release
 def test_every_mode_from_two_lines_to_two_fifths_of_nyquist_is_right_or_refused(subtests):
     for n_samples, place, damping, second in itertools.product(
         [256, 1000, 2000], [2, 3, 8, 30, None], [0.002, 0.03, 0.14, 0.2], [0.0, 0.8, -0.8]

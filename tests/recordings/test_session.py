@@ -357,6 +357,7 @@ def test_a_session_without_windows_is_not_written(tmp_path):
     assert not (tmp_path / "a.h5").exists()
 
 
+@pytest.mark.release
 def test_every_bundled_session_is_valid():
     sessions = sorted((PROJECT_ROOT / "replay_data").glob("*.session.h5"))
     assert len(sessions) > 5

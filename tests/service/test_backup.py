@@ -172,6 +172,7 @@ def test_damage_of_the_data_itself_is_told_and_does_not_keep_it_from_being_resto
     assert damaged == []  # known before
 
 
+@pytest.mark.release
 def test_commands(kept: Path, tmp_path: Path) -> None:
     done = run("backup", tmp_path / "backup", "--data-dir", kept, "--json")
     assert (done.returncode, done.stderr) == (0, "")

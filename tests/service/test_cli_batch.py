@@ -50,6 +50,7 @@ def test_the_number_of_workers_and_who_they_are_change_no_answer(
     assert first["answer"]
 
 
+@pytest.mark.release
 def test_what_is_there_is_not_computed_again_unless_a_file_changed(preload: Any, tmp_path: Path) -> None:
     model = tmp_path / "axis.toml"
     model.write_bytes((REPLAY / "models" / "replay-axis.toml").read_bytes())

@@ -48,6 +48,7 @@ def axis(shared_api: Api) -> str:
 # Memory
 
 
+@pytest.mark.release
 def test_no_encoding_takes_more_than_twice_its_bytes_beside_them(
     hostile_bodies: dict[str, tuple[str, bytes]], subtests: pytest.Subtests
 ) -> None:

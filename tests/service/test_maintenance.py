@@ -109,6 +109,7 @@ def two_orders(draw: st.DrawFn) -> tuple[list[dict[str, Any]], list[dict[str, An
     return in_some_order(draw, entries), in_some_order(draw, entries)
 
 
+@pytest.mark.release
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(orders=two_orders())
 def test_entries_in_any_order_say_the_same(

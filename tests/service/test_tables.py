@@ -243,6 +243,7 @@ def peak_of(n_rows: int, kind: str, allocated: Callable[[], int]) -> tuple[int, 
     return asyncio.run(read())
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_a_table_of_ten_times_the_rows_takes_the_same_memory(kind: str) -> None:
     peak_of(2_000, kind, lambda: 0)  # what is imported and remembered once
