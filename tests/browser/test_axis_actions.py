@@ -38,6 +38,7 @@ def entries(site: Site, axis: str) -> list[dict[str, object]]:
     return found
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 @pytest.mark.parametrize("path", canary(PAGES))
 def test_everybody_can_read_it(served: Site, visit: Visit, path: str, size: str, theme: str) -> None:
@@ -196,7 +197,7 @@ def test_data_quality_counts_the_newest(served: Site, visit: Visit) -> None:
 
 
 @pytest.mark.parametrize(
-    ("button", "kind"), [("Compare with the model", "discrepancy"), ("Identify the joints", "identification")]
+    ("button", "kind"), canary([("Compare with the model", "discrepancy"), ("Identify the joints", "identification")])
 )
 def test_an_analysis_is_begun_closed_found_again_and_cancelled(
     fresh_service: Site, visit: Visit, button: str, kind: str
@@ -254,6 +255,7 @@ JOINTS = {
 LACKS = {"outcome": "explained", "effects": [{"key": "pedestal-compliance"}]}
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_what_came_of_an_analysis_is_read(
     fresh_service: Site, visit: Visit, size: str, theme: str

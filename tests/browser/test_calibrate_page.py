@@ -105,6 +105,7 @@ def test_compare_put_in_force_and_roll_back(calibrating: Site, visit: Visit) -> 
     expect(page.locator("#figures th").nth(2)).to_have_text(str(first + 1))
 
 
+@pytest.mark.release
 def test_who_comes_second_is_told(calibrating: Site, visit: Visit) -> None:
     measure(calibrating.api, range(len(SETTINGS)))
     numbers = [
@@ -130,6 +131,7 @@ def test_too_little_for_a_fit_is_said_where_the_fit_was_asked_for(calibrating: S
     expect(page.get_by_role("alert")).to_contain_text("three positions", timeout=30_000)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(calibrating: Site, visit: Visit, size: str, theme: str) -> None:
     measure(calibrating.api, range(len(SETTINGS)))

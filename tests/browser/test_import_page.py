@@ -115,6 +115,7 @@ def test_a_chosen_file_stays_chosen_while_others_measure(fresh_service: Site, vi
     expect(page.locator("#windows")).to_have_text("585 in 39 measurements", timeout=60_000)
 
 
+@pytest.mark.release
 def test_two_people_at_once_the_second_is_told(fresh_service: Site, visit: Visit) -> None:
     pages = [visit(fresh_service.url, "/axes/normal/import", allowed="status of 409")]
     pages[0].locator("#file").set_input_files(SESSION)

@@ -20,6 +20,7 @@ def fill_in(page: Page) -> None:
     page.get_by_label("Machine", exact=True).fill("Mill 3")
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_both_steps(served: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(served.url, PATH, size, theme)
@@ -65,6 +66,7 @@ def test_nothing_changed_is_said(served: Site, visit: Visit) -> None:
     assert page.get_by_role("button", name="Save").count() == 0
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("late", ["What would this change?", "Save"])
 def test_the_second_is_told_what_the_first_changed(fresh_service: Site, visit: Visit, late: str) -> None:
     site = fresh_service

@@ -18,6 +18,7 @@ from tests.service.test_discrepancies import LUMPED, published_peaks
 PASSWORD = "correct horse battery"  # noqa: S105 - of a test
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(served: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(served.url, "/system", size, theme)

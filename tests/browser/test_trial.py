@@ -10,6 +10,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser.conftest import LOOKS, Site, Visit, sites, violations
+from tests.conftest import canary
 from tests.service.conftest import assert_problem
 
 
@@ -161,7 +162,7 @@ def test_the_long_run_shows_projection_mode_and_sister(tried: Site, visit: Visit
     expect(page.locator("#sisters")).to_contain_text("Trial: Y axis of the bundled machine")
 
 
-@pytest.mark.parametrize("axis", ["uncalibrated", "never-measured", "normal"])
+@pytest.mark.parametrize("axis", canary(["uncalibrated", "never-measured", "normal"]))
 def test_a_short_run_says_what_it_needs(served: Site, visit: Visit, axis: str) -> None:
     page = visit(served.url, f"/axes/{axis}/long-run")
     expect(page.locator("#sisters")).to_contain_text("No other axis of this type has a baseline")

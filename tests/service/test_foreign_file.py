@@ -110,7 +110,7 @@ def test_errors_keep_their_class_and_text() -> None:
         read_foreign(stand_ins.refuses, "a.mat")
     assert str(refusal.value) == "a.mat: expected numbers; got none"
     # its class takes something else: by name and text, or as it is where a library has taught pickle to send it
-    with pytest.raises(Exception, match=r"^(OddError: )?a\.mat is odd: 7$"):
+    with pytest.raises(Exception, match=r"a\.mat is odd: 7"):
         read_foreign(stand_ins.is_odd, "a.mat")
     with pytest.raises(MissingReaderError, match=r"a\.mat: expected the library that reads it; it cannot be loaded"):
         read_foreign(stand_ins.lacks_its_library, "a.mat")

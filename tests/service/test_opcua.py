@@ -130,6 +130,7 @@ async def _as_client(api: Api, alarm: int) -> None:
         assert len(subscriber.of(ua.ObjectIds.AlarmConditionType)) == 5
 
 
+@pytest.mark.release
 def test_without_the_service_no_value_counts(tmp_path: Path) -> None:
     async def check(api_url: str, stop: Callable[[], None]) -> None:
         async with gateway(api_url) as url, Client(url) as client:

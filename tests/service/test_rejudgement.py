@@ -244,6 +244,7 @@ def test_part_of_a_history_begins_its_charts_where_it_begins(service: Api) -> No
     assert after[12]["state"] == "learning"
 
 
+@pytest.mark.release
 def test_inspections_and_new_nuts_begin_where_they_did(
     under_first: Path, tmp_path: Path, windows: list[Window]
 ) -> None:
