@@ -35,7 +35,6 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         _allow_many_connections()
         keep_freed_memory()
         gc.freeze()  # modules and routes stay: the collector need not look at them again and again
-        gc.set_threshold(COLLECTED_EVERY)
         announcement = f"dashboard: {address}/   API: {address}/docs"
         try:
             Server(app, lambda: click.echo(announcement, err=True), trusted_proxies=settings.trusted_proxies).run(
@@ -51,10 +50,6 @@ def _allow_many_connections() -> None:
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
-
-#: Objects that may have come, beyond those that went, before the collector looks for rings of them. A request makes
-#: hundreds and almost no ring: to look after every 700, as is usual, takes a fortieth of the time of a window.
-COLLECTED_EVERY = 20_000
 
 #: Numbers of glibc's malloc.h: what is freed is given back beyond the first, what is larger than the second at once.
 _M_TRIM_THRESHOLD, _KEPT_BYTES = -1, 12 * 2**20
