@@ -1,7 +1,7 @@
 """Read and write what one posted window needs: plain records, one statement each.
 
 The other repositories work with mapped rows. Here, where every window passes, looking after mapped rows would take
-several times as long as the statements themselves. What a single window needs is prepared as well.
+several times as long as the statements themselves.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -14,7 +14,6 @@ from sqlalchemy.orm.exc import StaleDataError
 from monitor_core.recording import Rejection
 from service.errors import UnknownResourceError
 from service.json_types import JsonObject
-from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.tables import AxisRow, CountsByReason, MeasurementDocumentRow, MeasurementRow, WindowRow
 
 #: Life of a measurement: windows arrive → looked at.
@@ -94,21 +93,17 @@ _AXES, _MEASUREMENTS, _WINDOWS, _DOCUMENTS = (
     for mapped in (AxisRow, MeasurementRow, WindowRow, MeasurementDocumentRow)
 )
 # Statements are built once: to build one takes longer than to run it.
-_CHARTS = PreparedSelect(
-    select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
-)
+_CHARTS = select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
 _NEWEST = select(func.max(_WINDOWS.c.started_at)).where(_WINDOWS.c.axis_id == _AXES.c.id).scalar_subquery()
-_AXIS = PreparedSelect(
+_AXIS = (
     select(
         _AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision,
         _AXES.c.archived_at, _NEWEST,
     ).where(_AXES.c.id == bindparam("axis_id"))
 )  # fmt: skip
 _MEASUREMENT = [_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__]
-_NAMED_MEASUREMENT = PreparedSelect(
-    select(*_MEASUREMENT).where(
-        _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.name == bindparam("name")
-    )
+_NAMED_MEASUREMENT = select(*_MEASUREMENT).where(
+    _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.name == bindparam("name")
 )
 _OVERDUE = select(_MEASUREMENTS.c.axis_id, _MEASUREMENTS.c.name).where(
     _MEASUREMENTS.c.status == OPEN, _MEASUREMENTS.c.closes_at <= bindparam("at", type_=_MEASUREMENTS.c.closes_at.type)
@@ -117,7 +112,7 @@ _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
     _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("starts", expanding=True))
 )
 _NEW_MEASUREMENT = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id)
-_NEW_WINDOW = PreparedChange(insert(_WINDOWS), list(WindowRecord.__slots__))
+_NEW_WINDOW = insert(_WINDOWS)
 _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
     update(table).where(table.c.id == bindparam("_id"), table.c.revision == bindparam("_seen"))
     for table in (_AXES, _MEASUREMENTS)
@@ -125,22 +120,21 @@ _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
 _CHANGED = ("started_at", "position_mm", "set_preload_n", "closes_at", "status", "n_accepted", "calibration_id")
 #: What a window that is taken into a measurement changes of it: an index is written for each column that is set.
 _ADMITTED = ("started_at", "closes_at", "n_accepted")
-_FORGET_DOCUMENT = PreparedChange(delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == bindparam("_id")))
-_NEW_DOCUMENT = PreparedChange(insert(_DOCUMENTS), [column.name for column in _DOCUMENTS.c])
-_CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, [*_ADMITTED, "revision"])
+_FORGET_DOCUMENT = delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == bindparam("_id"))
+_NEW_DOCUMENT = insert(_DOCUMENTS)
 
 
 def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
     """Return an axis; raises UnknownResourceError if there is none of that name."""
-    rows = _AXIS.rows(connection, {"axis_id": axis_id})
-    if not rows:
+    row = connection.execute(_AXIS, {"axis_id": axis_id}).one_or_none()
+    if row is None:
         raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
-    return AxisRecord(*rows[0])
+    return AxisRecord(*row)
 
 
 def read_measurements(connection: Connection, axis_id: str, names: Iterable[str]) -> dict[str, MeasurementRecord]:
     """Return the measurements of an axis that have these names, by name."""
-    by_name = (_NAMED_MEASUREMENT.rows(connection, {"axis_id": axis_id, "name": name}) for name in names)
+    by_name = (connection.execute(_NAMED_MEASUREMENT, {"axis_id": axis_id, "name": name}) for name in names)
     return {row[1]: MeasurementRecord(*row) for rows in by_name for row in rows}
 
 
@@ -151,7 +145,7 @@ def overdue(connection: Connection, at: datetime) -> list[tuple[str, str]]:
 
 def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     """Return the charts of an axis."""
-    (row,) = _CHARTS.rows(connection, {"axis_id": axis.id})
+    (row,) = connection.execute(_CHARTS, {"axis_id": axis.id})
     return ChartsRecord(*row)
 
 
@@ -174,7 +168,7 @@ def outcomes_of(connection: Connection, measurement_ids: Collection[int]) -> dic
 def add_windows(connection: Connection, windows: Iterable[WindowRecord]) -> None:
     """Store windows."""
     for window in windows:
-        _NEW_WINDOW.run(connection, _columns(window))
+        connection.execute(_NEW_WINDOW, _columns(window))
 
 
 def refuse_windows(connection: Connection, measurement_id: int, refusals: Mapping[datetime, Rejection | None]) -> None:
@@ -199,10 +193,9 @@ def save_measurement(connection: Connection, measurement: MeasurementRecord, jud
     if measurement.id is None:
         new = columns | {"axis_id": measurement.axis_id, "name": measurement.name, "revision": measurement.revision}
         measurement.id = connection.execute(_NEW_MEASUREMENT, new).scalar_one()
-    elif admitted:
-        _expect_one(measurement, _CHANGE_ADMITTED.run(connection, _next_revision(measurement, **columns)))
     else:
-        changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, judged_at=judged_at, **columns))
+        columns |= {} if admitted else {"judged_at": judged_at}
+        changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, **columns))
         _expect_one(measurement, changed.rowcount)
 
 
@@ -210,8 +203,8 @@ def save_document(
     connection: Connection, measurement_id: int, outcome: JsonObject, response: JsonObject | None
 ) -> None:
     """Store what is said about a measurement, in place of what was said before."""
-    _FORGET_DOCUMENT.run(connection, {"_id": measurement_id})
-    _NEW_DOCUMENT.run(connection, {"measurement_id": measurement_id, "outcome": outcome, "response": response})
+    connection.execute(_FORGET_DOCUMENT, {"_id": measurement_id})
+    connection.execute(_NEW_DOCUMENT, {"measurement_id": measurement_id, "outcome": outcome, "response": response})
 
 
 def save_charts(connection: Connection, axis: AxisRecord, stored: ChartsRecord, charts: ChartsRecord) -> None:

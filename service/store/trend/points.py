@@ -24,7 +24,6 @@ from sqlalchemy import (
 )
 
 from monitor_core.preload import DoubtReason
-from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.tables import AxisRow
 from service.store.trend.tables import TrendPointRow
 
@@ -85,23 +84,21 @@ _KEY = tuple_(_POINTS.c.at, _POINTS.c.measurement_id)
 #: Why a measurement moved no chart that came when they could not be folded again from before it.
 TOO_LATE = "too-late"
 _IN_TIME = _POINTS.c.uncharted.is_distinct_from(TOO_LATE)
-_ADD = PreparedChange(insert(_POINTS), list(TrendPoint.__slots__))
+_ADD = insert(_POINTS)
 _OF_AXIS = (
     select(*_COLUMNS).where(_POINTS.c.axis_number == bindparam("axis")).order_by(_POINTS.c.at, _POINTS.c.measurement_id)
 )
 _MOMENT = type_coerce(_POINTS.c.at, BigInteger)
 #: One parameter for all moments, which SQLite takes as a text in JSON: with one each, to write them out takes longest.
 _AT_MOMENTS = {
-    "postgresql": PreparedSelect(_OF_AXIS.where(any_(bindparam("moments", type_=ARRAY(BigInteger))) == _MOMENT)),
-    "sqlite": PreparedSelect(
-        _OF_AXIS.where(_MOMENT.in_(select(func.json_each(bindparam("moments")).table_valued("value").c.value)))
-    ),
+    "postgresql": _OF_AXIS.where(any_(bindparam("moments", type_=ARRAY(BigInteger))) == _MOMENT),
+    "sqlite": _OF_AXIS.where(_MOMENT.in_(select(func.json_each(bindparam("moments")).table_valued("value").c.value))),
 }
 
 
 def add_point(connection: Connection, point: TrendPoint) -> None:
     """Store a new point."""
-    _ADD.run(connection, {name: getattr(point, name) for name in TrendPoint.__slots__})
+    connection.execute(_ADD, {name: getattr(point, name) for name in TrendPoint.__slots__})
 
 
 def replace_points(connection: Connection, points: Iterable[TrendPoint]) -> None:
@@ -215,7 +212,7 @@ def points_at(connection: Connection, axis_number: int, moments: Iterable[int]) 
     database = connection.dialect.name
     listed = sorted(moments)
     values: dict[str, object] = {"axis": axis_number, "moments": json.dumps(listed) if database == "sqlite" else listed}
-    return [TrendPoint(*row) for row in _AT_MOMENTS[database].rows(connection, values)]
+    return [TrendPoint(*row) for row in connection.execute(_AT_MOMENTS[database], values)]
 
 
 def last_points(connection: Connection) -> dict[int, TrendPoint]:

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 from sqlalchemy import BigInteger, ColumnElement, Connection, bindparam, delete, func, insert, select, type_coerce
 
-from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.tables import UtcMicroseconds
 from service.store.trend.points import Span
 from service.store.trend.tables import TrendPointRow, TrendRollupRow
@@ -48,10 +47,8 @@ def _as_stored(column: ColumnElement[Any]) -> ColumnElement[Any]:
 
 
 _COLUMNS = [_ROLLUPS.c[name] for name in Rollup.__slots__]
-_OF_HOUR = PreparedSelect(
-    select(_POINTS.c.at, _POINTS.c.refusal_reason, _POINTS.c.preload_n).where(
-        _POINTS.c.axis_number == bindparam("axis"), _POINTS.c.at >= bindparam("begin"), _POINTS.c.at < bindparam("end")
-    )
+_OF_HOUR = select(_POINTS.c.at, _POINTS.c.refusal_reason, _POINTS.c.preload_n).where(
+    _POINTS.c.axis_number == bindparam("axis"), _POINTS.c.at >= bindparam("begin"), _POINTS.c.at < bindparam("end")
 )
 _BEGIN_WITHIN = (
     _ROLLUPS.c.axis_number == bindparam("axis"),
@@ -59,23 +56,19 @@ _BEGIN_WITHIN = (
     _ROLLUPS.c.starts_at >= bindparam("begin"),
     _ROLLUPS.c.starts_at < bindparam("end"),
 )
-_HELD = PreparedSelect(select(*_COLUMNS).where(*_BEGIN_WITHIN).order_by(_ROLLUPS.c.starts_at))
-_EXTREMES = PreparedSelect(
+_HELD = select(*_COLUMNS).where(*_BEGIN_WITHIN).order_by(_ROLLUPS.c.starts_at)
+_EXTREMES = (
     select(*(_as_stored(_ROLLUPS.c[name]) for name in Extremes._fields))
     .where(*_BEGIN_WITHIN)
     .order_by(_ROLLUPS.c.starts_at)
 )
-_NUMBER_HELD = PreparedSelect(
-    select(func.coalesce(func.sum(_ROLLUPS.c.n_measurements), 0), func.count()).where(*_BEGIN_WITHIN)
+_NUMBER_HELD = select(func.coalesce(func.sum(_ROLLUPS.c.n_measurements), 0), func.count()).where(*_BEGIN_WITHIN)
+_FORGET = delete(_ROLLUPS).where(
+    _ROLLUPS.c.axis_number == bindparam("axis"),
+    _ROLLUPS.c.span_s == bindparam("span"),
+    _ROLLUPS.c.starts_at == bindparam("begin"),
 )
-_FORGET = PreparedChange(
-    delete(_ROLLUPS).where(
-        _ROLLUPS.c.axis_number == bindparam("axis"),
-        _ROLLUPS.c.span_s == bindparam("span"),
-        _ROLLUPS.c.starts_at == bindparam("begin"),
-    )
-)
-_ADD = PreparedChange(insert(_ROLLUPS), [column.name for column in _ROLLUPS.c])
+_ADD = insert(_ROLLUPS)
 
 
 def sum_up(connection: Connection, axis_number: int, moments: Iterable[datetime]) -> None:
@@ -90,18 +83,18 @@ def sum_up(connection: Connection, axis_number: int, moments: Iterable[datetime]
 
 def rollups(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Rollup]:
     """Return the hours or the days that begin within a span of time."""
-    return [Rollup(*row) for row in _HELD.rows(connection, _begin_within(axis_number, span, within))]
+    return [Rollup(*row) for row in connection.execute(_HELD, _begin_within(axis_number, span, within))]
 
 
 def extremes_held(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Extremes]:
     """Return the extremes of the hours or the days that begin within a span of time."""
-    return list(map(Extremes._make, _EXTREMES.rows(connection, _begin_within(axis_number, span, within))))
+    return list(map(Extremes._make, connection.execute(_EXTREMES, _begin_within(axis_number, span, within))))
 
 
 def number_held(connection: Connection, axis_number: int, within: Span) -> tuple[int, int]:
     """Return how many measurements the days hold that touch a span of time, and in how many hours at most."""
     days = Span(None if within.start is None else begin_of(within.start, DAY), within.end)
-    ((n_measurements, n_days),) = _NUMBER_HELD.rows(connection, _begin_within(axis_number, DAY, days))
+    ((n_measurements, n_days),) = connection.execute(_NUMBER_HELD, _begin_within(axis_number, DAY, days))
     return int(n_measurements), 24 * n_days
 
 
@@ -137,20 +130,21 @@ def begin_of(moment: datetime, span: timedelta) -> datetime:
 
 
 def _points_of(connection: Connection, axis_number: int, hour: datetime) -> list[Rollup]:
+    values = {"axis": axis_number, "begin": hour, "end": hour + HOUR}
     return [
         Rollup(at, 1, int(reason is not None), at, preload, None if preload is None else at, preload,
                None if preload is None else at)
-        for at, reason, preload in _OF_HOUR.rows(connection, {"axis": axis_number, "begin": hour, "end": hour + HOUR})
+        for at, reason, preload in connection.execute(_OF_HOUR, values)
     ]  # fmt: skip
 
 
 def _store(
     connection: Connection, axis_number: int, span: timedelta, starts_at: datetime, rollup: Rollup | None
 ) -> None:
-    _FORGET.run(connection, {"axis": axis_number, "span": _seconds(span), "begin": starts_at})
+    connection.execute(_FORGET, {"axis": axis_number, "span": _seconds(span), "begin": starts_at})
     if rollup is not None:
         columns = {name: getattr(rollup, name) for name in Rollup.__slots__}
-        _ADD.run(connection, {"axis_number": axis_number, "span_s": _seconds(span)} | columns)
+        connection.execute(_ADD, {"axis_number": axis_number, "span_s": _seconds(span)} | columns)
 
 
 def _seconds(span: timedelta) -> int:

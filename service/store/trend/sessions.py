@@ -6,7 +6,6 @@ from datetime import datetime
 
 from sqlalchemy import Connection, delete, insert, select
 
-from service.store.prepared import PreparedChange
 from service.store.trend.tables import SessionRow
 
 
@@ -30,13 +29,13 @@ class SessionRecord:
 
 _SESSIONS = SessionRow.metadata.tables[SessionRow.__tablename__]
 _COLUMNS = [_SESSIONS.c[name] for name in SessionRecord.__slots__]
-_ADD = PreparedChange(insert(_SESSIONS), list(SessionRecord.__slots__))
+_ADD = insert(_SESSIONS)
 
 
 def add_sessions(connection: Connection, sessions: Iterable[SessionRecord]) -> None:
     """Store sessions that are over."""
     for session in sessions:
-        _ADD.run(connection, {name: getattr(session, name) for name in SessionRecord.__slots__})
+        connection.execute(_ADD, {name: getattr(session, name) for name in SessionRecord.__slots__})
 
 
 def forget_sessions(
