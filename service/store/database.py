@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any, cast
@@ -46,8 +46,6 @@ class Database:
         self.engine = _create_engine(url)
         _COMMITS[self.engine] = _Commits()
         self.file = database_file(url)  # None: kept by a server
-        #: Open to the file, and used by nobody now: the engine takes as long to give one as to read a row or two.
-        self._idle: list[Connection] = []
         self._locks = AxisLocks()
         self._schema: str | None = None  # that this program writes, as soon as it is brought up to date
 
@@ -60,29 +58,16 @@ class Database:
         if self.file is not None:
             self.file.require_unmoved()
         driver: Any = self.engine.dialect.loaded_dbapi
-        with _translated(driver):
-            connection = self._idle_one() or self.engine.connect()
+        with _translated(driver), self.engine.connect() as connection:
             try:
                 yield connection
             except (DBAPIError, driver.Error):
                 connection.invalidate()
                 raise
             finally:
-                self._give_back(connection)
-
-    def _idle_one(self) -> Connection | None:
-        with suppress(IndexError):  # in one step, whoever else asks
-            return self._idle.pop()
-        return None
-
-    def _give_back(self, connection: Connection) -> None:
-        """Keep a connection to the file for whoever asks next; the engine looks after those to a server."""
-        if self.file is not None and not self.file.is_writable():
-            connection.invalidate()  # opened while the volume is read-only, it would stay so when that is mended
-        if self.file is None or connection.invalidated or connection.in_transaction():
-            connection.close()
-        else:
-            self._idle.append(connection)
+                if self.file is not None and not self.file.is_writable():
+                    # opened while the volume is read-only, it would stay so when that is mended
+                    connection.invalidate()
 
     @contextmanager
     def translated(self) -> Iterator[None]:
@@ -190,8 +175,6 @@ class Database:
 
     def close(self) -> None:
         """Close all connections."""
-        while (connection := self._idle_one()) is not None:
-            connection.close()
         self.engine.dispose()
         if self.file is not None:
             self.file.release()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sqlalchemy import Connection, select, text
+from sqlalchemy import select, text
 
 from service.errors import StorageError
 from service.operations.monitoring.extremes import extremes
@@ -38,13 +38,13 @@ def fill(api: Api) -> None:
 def test_a_connection_to_a_file_is_used_again_unless_it_failed(tmp_path: Path) -> None:
     database = Database(f"sqlite:///{tmp_path / 'preload.db'}")
     database.migrate()
-    kept = list[Connection]()  # so that no new one has the identity of an old one
+    kept = list[object]()  # so that no new one has the identity of an old one
 
     def opened() -> set[int]:
         with database.connect() as connection, database.connect() as beside, reading(connection), reading(beside):
-            found = (connection, beside)
-        kept.extend(found)
-        return set(map(id, found))
+            drivers = [used.connection.driver_connection for used in (connection, beside)]
+        kept.extend(drivers)
+        return set(map(id, drivers))
 
     def failing() -> None:
         with database.connect() as connection, reading(connection):
