@@ -327,9 +327,13 @@ class Repeatedly:
         """Begin."""
         self._thread.start()
 
+    def stop(self) -> None:
+        """Begin nothing more."""
+        self._stopping.set()
+
     def close(self, within_s: float | None = None) -> None:
         """Stop; what is under way is finished first, or left after so long."""
-        self._stopping.set()
+        self.stop()
         if self._thread.is_alive():
             self._thread.join(within_s)
 

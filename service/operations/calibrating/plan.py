@@ -37,8 +37,8 @@ _SHARES: Final = (1.0 / 3.0, 2.0 / 3.0, 1.0)
 _WISHED: Final = 0.3
 #: Settings nearer to each other than this were meant to be one [mm], [-].
 _NEAR_MM, _NEAR_SHARE = 20.0, 0.1
-#: The preload that makers set in a nut, of its dynamic load rating.
-_USUAL_TRAVEL, _USUAL_PRELOAD = (100.0, 900.0), 300.0  # where nothing is known of an axis [mm], [N]
+#: Where nothing is known of an axis [mm], [N].
+_USUAL_TRAVEL, _USUAL_PRELOAD = (100.0, 900.0), 300.0
 
 Source = Literal["measured", "calibration", "model", "none"]
 

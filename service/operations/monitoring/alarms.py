@@ -143,14 +143,15 @@ class Alarms:
         """Open a transaction on an alarm; ConflictError if somebody changed it since the caller looked."""
         with self._database.write(self.get(alarm_id).row.axis_id) as session:
             row = alarms.get_alarm(session, alarm_id)
-            events = alarms.events_of(session, [alarm_id])[alarm_id]
-            newer = [event for event in events if event.who is not None and event.kind != "comment"]
-            if seen is not None and newer and newer[-1].id > seen:
-                last = newer[-1]
-                raise ConflictError(
-                    f"alarm {alarm_id} was changed meanwhile: {last.who}, {last.kind or last.new_status}, "
-                    f"“{last.reason}”; look at it again first"
-                )
+            if seen is not None:
+                events = alarms.events_of(session, [alarm_id])[alarm_id]
+                newer = [event for event in events if event.who is not None and event.kind != "comment"]
+                if newer and newer[-1].id > seen:
+                    last = newer[-1]
+                    raise ConflictError(
+                        f"alarm {alarm_id} was changed meanwhile: {last.who}, {last.kind or last.new_status}, "
+                        f"“{last.reason}”; look at it again first"
+                    )
             yield session, row
 
 

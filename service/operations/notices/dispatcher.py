@@ -72,6 +72,8 @@ class Dispatcher:
     def close(self) -> None:
         """Stop sending; what was not taken is sent after the next start."""
         for telling in self._telling:
+            telling.stop()  # all of them, before a slow one is waited for
+        for telling in self._telling:
             telling.close(_PATIENCE_S)
         try:
             with self._database.write() as session:
