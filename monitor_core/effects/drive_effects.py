@@ -1,6 +1,7 @@
 """Effects that a model of a drive may lack: masses, springs, losses, preload, temperature, sensors, modes of their own.
 
 An effect is written here and gets a line in :data:`DRIVE_EFFECTS` at the end (CONTRIBUTING.md).
+Those that only a change between two times asks for are in no table.
 """
 
 import math
