@@ -521,7 +521,7 @@ NUT_ABSORBER = Effect(
     applies=_may_have_nut_absorber,
 )
 
-#: Keys as in FORMATS, section 6. Two entries share one: which of them an axis can have depends on its inertia.
+#: Keys are those of files. Two entries share one: which of them an axis can have depends on its inertia.
 DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
     ADDED_MASS,
     PAYLOAD_MASS,

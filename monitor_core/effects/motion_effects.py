@@ -96,7 +96,7 @@ VISCOUS_FRICTION = Effect(
     applies=lacking("", "viscous_friction"),  # one that is stated can only be wrong
 )
 
-#: Keys as in FORMATS, section 6, and viscous friction for models that state none.
+#: Keys are those of files, and viscous friction for models that state none.
 MOTION_EFFECTS: tuple[Effect[MotionPhysics], ...] = (
     COULOMB_FRICTION,
     FORCE_OFFSET,

@@ -58,10 +58,6 @@ class AssignedPeak:
     mode: int  # of the axis, from 1
 
 
-#: Peaks in the order of their source; positions may repeat and any peak may be missing.
-ModalTable = tuple[ModalObservation, ...]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyResponseObservation:
     """One measured frequency response with the noise of its lines.

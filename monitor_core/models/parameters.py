@@ -1,6 +1,6 @@
 """Define the parameters of the drive models: one vocabulary, and the base of the families' records.
 
-The names are those of the model file (FORMATS, section 5) without the unit that ends them there. ``PARAMETERS`` is the
+The names are those of the model file without the unit that ends them there. ``PARAMETERS`` is the
 vocabulary; a family's record picks from it, so that a quantity means the same in every family.
 """
 

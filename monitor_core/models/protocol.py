@@ -20,7 +20,7 @@ from monitor_core.response import FrequencyResponse
 
 
 class ExcitationPoint(StrEnum):
-    """Where a model is driven, by its name in files (FORMATS: ``input``)."""
+    """Where a model is driven, by its name in files (``input``)."""
 
     TORQUE_AT_SCREW = "torque-at-screw"  #: prescribed at the motor end of the screw [N·m]
     TORQUE_AT_MOTOR = "torque-at-motor"  #: on the rotor [N·m]
@@ -28,7 +28,7 @@ class ExcitationPoint(StrEnum):
 
 
 class ResponsePoint(StrEnum):
-    """What a model answers with, by its name in files (FORMATS: ``output``)."""
+    """What a model answers with, by its name in files (``output``)."""
 
     ACCELERATION_AT_TABLE = "acceleration-at-table"  #: [m/s²]
     ACCELERATION_AT_NUT = "acceleration-at-nut"  #: before the bracket that carries the table [m/s²]

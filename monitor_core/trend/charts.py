@@ -12,7 +12,7 @@ are standard normal and independent (:mod:`monitor_core.trend.belief`), and the 
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from enum import StrEnum
 from typing import overload
@@ -286,6 +286,11 @@ class DetectorSettings:
         if self.baseline_size < 3:
             raise OutsideValidityError(f"baseline_size must be at least 3; got {self.baseline_size}")
 
+    @property
+    def sessions_per_year(self) -> float:
+        """Sessions that the rates are counted over."""
+        return min(self.measurements_per_year, SESSIONS_PER_YEAR)
+
 
 @dataclass(frozen=True, slots=True)
 class DetectorDesign:
@@ -297,11 +302,6 @@ class DetectorDesign:
     shewhart_limit: float
     ewma_limit: float
     evidence_limit: float  # of ln R, see :mod:`monitor_core.trend.lasting_loss`
-
-    @property
-    def sessions_per_year(self) -> float:
-        """Sessions that the rates are counted over."""
-        return min(self.settings.measurements_per_year, SESSIONS_PER_YEAR)
 
     @property
     def largest_increment(self) -> float:
@@ -327,7 +327,7 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
 
     ``OutsideValidityError`` if the wanted number of false alarms is so large that no limit gives it.
     """
-    n_sessions = min(settings.measurements_per_year, SESSIONS_PER_YEAR)
+    n_sessions = settings.sessions_per_year
 
     def shewhart_alarms(limit: float) -> float:
         return n_sessions / float(shewhart_run_length(limit, consecutive=SHEWHART_CONSECUTIVE))
@@ -341,16 +341,16 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
         return n_sessions / float(run_length)
 
     cusum_limit = _solve(all_alarms, (1.0 - EVIDENCE_SHARE) * settings.false_alarms_per_year)
-    largest_residual = CUSUM_REFERENCE + 0.5 * cusum_limit
+    evidence_limit = math.log(n_sessions / settings.false_alarms_per_year)
+    design = DetectorDesign(settings, CUSUM_REFERENCE, cusum_limit, shewhart_limit, LOWEST_EWMA_LIMIT, evidence_limit)
 
     def alerts(limit: float) -> float:
-        run_length = ewma_run_length(limit, weight=EWMA_WEIGHT, largest_residual=largest_residual)
+        run_length = ewma_run_length(limit, weight=EWMA_WEIGHT, largest_residual=design.largest_residual)
         return n_sessions / (float(run_length) + ALERT_DURATION)
 
-    often_enough = alerts(LOWEST_EWMA_LIMIT) <= settings.false_alerts_per_year
-    ewma_limit = LOWEST_EWMA_LIMIT if often_enough else _solve(alerts, settings.false_alerts_per_year)
-    evidence_limit = math.log(n_sessions / settings.false_alarms_per_year)
-    return DetectorDesign(settings, CUSUM_REFERENCE, cusum_limit, shewhart_limit, ewma_limit, evidence_limit)
+    if alerts(LOWEST_EWMA_LIMIT) <= settings.false_alerts_per_year:
+        return design
+    return replace(design, ewma_limit=_solve(alerts, settings.false_alerts_per_year))
 
 
 def _solve(expected_number: Callable[[float], float], wanted: float) -> float:
@@ -420,4 +420,4 @@ def detection_delay(design: DetectorDesign, shift: float) -> DetectionDelay:
         confirmed_limit=design.shewhart_limit,
     )
     sessions = float(run_length)
-    return DetectionDelay(sessions, sessions * 365.0 / design.sessions_per_year)
+    return DetectionDelay(sessions, sessions * 365.0 / design.settings.sessions_per_year)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar, Generic, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.models import DriveConditions
@@ -15,7 +15,7 @@ from monitor_core.recordings.elements.units import metres
 from service.errors import UnknownResourceError
 from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
-from service.operations.fields import Moment, Number
+from service.operations.fields import Moment, Number, RequestModel
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
 from service.operations.monitoring.stored_modes import measured_with_windows
 from service.operations.own_process import Progress, Report, in_own_process
@@ -33,19 +33,15 @@ if TYPE_CHECKING:
     from monitor_core.measured_responses import SessionResponses
 
 
-class MeasurementRange(BaseModel):
+class MeasurementRange(RequestModel):
     """Stored measurements whose preload was set on purpose, by time."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     start: Moment | None = Field(default=None, alias="from", description="inclusive")
     end: Moment | None = Field(default=None, alias="to", description="exclusive")
 
 
-class PeakIn(BaseModel):
+class PeakIn(RequestModel):
     """One measured peak of the table's receptance."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     position_mm: Annotated[Number, Field(ge=-100_000, le=100_000)]
     frequency_hz: Annotated[Number, Field(gt=0, le=1e6)]
@@ -88,10 +84,8 @@ class Answer:
     page: str | None = None  # a report, one self-contained page of HTML
 
 
-class AnalysisArguments(BaseModel):
+class AnalysisArguments(RequestModel):
     """What is asked, and what was measured: stored measurements, or peaks."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     #: Of its jobs.
     kind: ClassVar[str]
@@ -100,7 +94,7 @@ class AnalysisArguments(BaseModel):
 
     measurements: MeasurementRange | None = None
     peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
-    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = []
+    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(default=[])
     accelerometer: AccelerometerPlace | None = None
 
     @model_validator(mode="after")

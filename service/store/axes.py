@@ -24,11 +24,12 @@ def get_axis(session: Session, axis_id: str) -> AxisRow:
     """Return an axis or say that there is none of that name."""
     row = session.scalars(_AXIS, {"axis_id": axis_id}).one_or_none()
     if row is None:
-        raise _no_axis(axis_id)
+        raise no_axis(axis_id)
     return row
 
 
-def _no_axis(axis_id: str) -> UnknownResourceError:
+def no_axis(axis_id: str) -> UnknownResourceError:
+    """Return the refusal of an identifier that no axis has."""
     return UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
 
 
@@ -52,7 +53,7 @@ def axis_with_documents(session: Session, axis_id: str) -> tuple[AxisRow, Docume
     """Return an axis without its documents, and their texts; say so if there is none of that name."""
     row_and_texts = session.execute(_AS_TEXTS.where(AxisRow.id == axis_id)).one_or_none()
     if row_and_texts is None:
-        raise _no_axis(axis_id)
+        raise no_axis(axis_id)
     row, *texts = row_and_texts
     return row, tuple(texts)
 
@@ -93,7 +94,7 @@ def revision_of(session: Session, axis_id: str) -> int:
     """Return how often the row of an axis was changed: with every measurement that was judged, for one."""
     revision = session.scalar(select(AxisRow.revision).where(AxisRow.id == axis_id))
     if revision is None:
-        raise _no_axis(axis_id)
+        raise no_axis(axis_id)
     return revision
 
 

@@ -12,8 +12,8 @@ from sqlalchemy import Connection, bindparam, delete, func, insert, select, upda
 from sqlalchemy.orm.exc import StaleDataError
 
 from monitor_core.recording import Rejection
-from service.errors import UnknownResourceError
 from service.json_types import JsonObject
+from service.store.axes import no_axis
 from service.store.tables import AxisRow, CountsByReason, MeasurementDocumentRow, MeasurementRow, WindowRow
 
 #: Life of a measurement: windows arrive → looked at.
@@ -128,7 +128,7 @@ def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
     """Return an axis; raises UnknownResourceError if there is none of that name."""
     row = connection.execute(_AXIS, {"axis_id": axis_id}).one_or_none()
     if row is None:
-        raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
+        raise no_axis(axis_id)
     return AxisRecord(*row)
 
 

@@ -24,6 +24,7 @@ def bring_up_to_date(connection: Connection) -> None:
     Raises DataFolderError if the database is of a newer program, or of one older than the baseline.
     """
     if not inspect(connection).has_table(VersionRow.__tablename__):
+        _state_conditions(connection.dialect.name)
         Base.metadata.create_all(connection, checkfirst=False)
         connection.execute(insert(VersionRow).values(version_num=VERSION))
         return
@@ -34,6 +35,12 @@ def bring_up_to_date(connection: Connection) -> None:
             change(connection)
     if stored != VERSION:
         connection.execute(update(VersionRow).values(version_num=VERSION))
+
+
+def _state_conditions(dialect: str) -> None:
+    """Give partial indexes their condition in this dialect, too: tables that named it would load it at every start."""
+    for index in (index for table in Base.metadata.tables.values() for index in table.indexes):
+        index.dialect_options[dialect]["where"] = index.dialect_options["sqlite"]["where"]
 
 
 def _require_reachable(stored: str) -> None:

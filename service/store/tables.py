@@ -76,7 +76,7 @@ CountsByReason = dict[str, int]
 
 def _partial_index(name: str, *columns: str, where: str) -> Index:
     """Index the rows that meet a condition, so that they are found without passing all that was ever measured."""
-    return Index(name, *columns, sqlite_where=text(where), postgresql_where=text(where))
+    return Index(name, *columns, sqlite_where=text(where))
 
 
 class Base(DeclarativeBase):

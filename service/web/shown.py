@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from babel.dates import format_timedelta
 from jinja2 import Environment, pass_context
 from jinja2.runtime import Context
 from markupsafe import Markup, escape
@@ -79,6 +78,8 @@ def age(words: Words, value: datetime | str | None) -> str | Markup:
     """Show how long ago something was; a browser with a script goes on counting."""
     if value is None:
         return UNKNOWN
+    from babel.dates import format_timedelta  # noqa: PLC0415  # a start needs no ages
+
     moment = _moment(value)
     passed = format_timedelta(moment - now(), add_direction=True, format="short", locale=words.locale)
     return Markup('<time datetime="{}" data-age>{}</time>').format(moment.isoformat().replace("+00:00", "Z"), passed)

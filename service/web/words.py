@@ -1,10 +1,10 @@
-"""Words of the pages: English in the templates, other languages in ``languages/*.po``, read once.
+"""Words of the pages: English in the templates, other languages in ``languages/*.po``, each read once.
 
 A text is marked where it stands: ``_("…")`` or ``{% trans %}`` in a template, ``N_("…")`` in Python where it is chosen.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from gettext import GNUTranslations, NullTranslations
 from io import BytesIO
 from pathlib import Path
@@ -32,18 +32,19 @@ class Words:
         return self.texts.gettext(text)
 
 
-def _texts_of(path: Path) -> GNUTranslations:
+_FILES: Final = {path.stem: path for path in LANGUAGES.glob("*.po")}
+
+
+@cache
+def _texts_of(language: str) -> NullTranslations:
+    """Return the texts of a language, read for its first page."""
+    if language == SOURCE:
+        return NullTranslations()
     compiled = BytesIO()
-    with path.open("rb") as file:
-        write_mo(compiled, read_po(file, locale=path.stem, abort_invalid=True))
+    with _FILES[language].open("rb") as file:
+        write_mo(compiled, read_po(file, locale=language, abort_invalid=True))
     compiled.seek(0)
     return GNUTranslations(compiled)
-
-
-TEXTS: Final[dict[str, NullTranslations]] = {
-    SOURCE: NullTranslations(),
-    **{path.stem: _texts_of(path) for path in sorted(LANGUAGES.glob("*.po"))},
-}
 
 
 @lru_cache(maxsize=256)
@@ -51,9 +52,9 @@ def words_for(accepted: str) -> Words:
     """Return the language that a browser likes best of those there are, by its ``Accept-Language``."""
     for tag in _by_preference(accepted):
         language = tag.partition("-")[0].lower()
-        if language in TEXTS:
-            return Words(language, _locale(tag, language), TEXTS[language])
-    return Words(SOURCE, Locale(SOURCE), TEXTS[SOURCE])
+        if language in (SOURCE, *_FILES):
+            return Words(language, _locale(tag, language), _texts_of(language))
+    return Words(SOURCE, Locale(SOURCE), _texts_of(SOURCE))
 
 
 def _locale(tag: str, language: str) -> Locale:

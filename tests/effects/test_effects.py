@@ -38,7 +38,7 @@ AXES = PARAMETERS | {
     for family, parameters in PARAMETERS.items()
     if parameters.dynamic_load_rating is None
 }
-#: FORMATS, section 6, the part that is about drives, and springs that soften as they warm.
+#: The keys of files, the part that is about drives, and springs that soften as they warm.
 KEYS = [
     "added-mass", "payload-mass", "series-compliance", "far-bearing-stiffness", "screw-axial-stiffness",
     "screw-distributed-mass", "torsional-flexibility", "loss-factor", "guide-friction", "guide-stiffness",

@@ -22,7 +22,7 @@ from tests.models.simulated_motion import RATE, Motion, Truth
 
 STATED = MotionParameters(moving_mass=95.0, viscous_friction=200.0, screw_lead=0.02)
 WITHOUT_FRICTION = MotionParameters(moving_mass=95.0)
-#: FORMATS, section 6, the part that is about motions; viscous friction is for models that state none.
+#: The keys of files, the part that is about motions; viscous friction is for models that state none.
 KEYS = [
     "coulomb-friction", "force-offset", "direction-dependent-friction", "stribeck-friction", "force-delay",
     "force-scale", "viscous-friction", "unit",

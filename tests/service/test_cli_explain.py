@@ -31,7 +31,7 @@ POSITIONS = (0.4, 0.775, 1.15, 1.525, 1.9)
 STATED_FAR = 2.2e7
 MISSING = TIAN.parameters["far_bearing_stiffness_n_per_m"] - STATED_FAR
 UNCERTAIN = {"bearing_stiffness_n_per_m": 0.2, "nut_stiffness_n_per_m": 0.1}
-#: FORMATS: the keys of the answer that scripts of others rely on.
+#: The keys of the answer that scripts of others rely on.
 KEYS = {"outcome", "effects", "localisation", "gap", "steps", "candidates", "next_measurement", "model"}
 HANDWHEEL = """
 from dataclasses import replace

@@ -1,7 +1,8 @@
 """Record of a raw file before a channel map gives it a meaning: named channels, named frequency responses."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import islice
@@ -98,6 +99,12 @@ class Channels:
             )
         there = ", ".join(repr(n[:60]) for n in self.names[:20]) + (", …" if len(self.names) > 20 else "")
         raise RecordingFormatError(f"{self.file_name}: expected a channel {name!r}; the file has {there}")
+
+
+def require_distinct(names: Sequence[str], where: str, columns: str = "columns") -> None:
+    """Refuse two channels of one name, which a channel map could not tell apart."""
+    if twice := next((name for name, n_times in Counter(names).items() if n_times > 1), None):
+        raise RecordingFormatError(f"{where}: expected {columns} of different names; got {twice[:60]!r} twice")
 
 
 def single_numbers(found: Iterable[tuple[str, float]]) -> dict[str, float]:

@@ -1,10 +1,13 @@
 """What an operator states about an axis, and the records of the core that it becomes."""
 
+from collections.abc import Iterator
+from contextlib import suppress
 from datetime import timedelta
 from functools import lru_cache
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
+from sqlalchemy.orm import Session
 
 from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
@@ -13,8 +16,11 @@ from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
 from service.documents.stored import StoredRecord
+from service.errors import DocumentDamagedError
 from service.json_types import Json, JsonObject
 from service.operations.fields import Label, Moment, Positive, SetPreload
+from service.store.axes import list_axes
+from service.store.tables import AxisRow
 
 
 class AxisConfiguration(BaseModel):
@@ -138,3 +144,12 @@ def detector_settings(configuration: AxisConfiguration) -> DetectorSettings:
 def detector_design(settings: DetectorSettings) -> DetectorDesign:
     """Return the limits of the charts. Solving them takes seconds, so axes of equal settings share one solution."""
     return design_detector(settings)
+
+
+def sisters_of(session: Session, axis: AxisRow) -> Iterator[AxisRow]:
+    """Yield the other axes of the same stated type, in order of name; none if the axis states no type."""
+    axis_type = load_configuration(axis.configuration).axis_type
+    for sister in list_axes(session) if axis_type is not None else ():
+        with suppress(DocumentDamagedError):  # its own page says so
+            if sister.id != axis.id and load_configuration(sister.configuration).axis_type == axis_type:
+                yield sister

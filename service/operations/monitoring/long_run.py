@@ -8,19 +8,15 @@ from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, TypeAdapter
-from sqlalchemy.orm import Session
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.trend import project
 from service.documents.measurement import read_evidence
-from service.errors import DocumentDamagedError
-from service.operations.monitoring.axis_configuration import load_configuration
+from service.operations.monitoring.axis_configuration import sisters_of
 from service.operations.monitoring.extremes import extremes
 from service.store import alarms, axes, measurements
-from service.store.axes import list_axes
 from service.store.database import Database
-from service.store.tables import AxisRow
 from service.store.trend.points import Span, TrendPoint, page_of_points
 
 #: Responses of a picture, from as many stretches of the time.
@@ -98,7 +94,7 @@ def sisters_with_trend(database: Database, axis_id: str) -> list[Sister]:
     """Return the axis and others of its type, each with its trend in brief; the axis alone if it states no type."""
     with database.read() as session:
         own = axes.get_axis(session, axis_id)
-        rows = [own, *_sisters_of(session, own, MOST_SISTERS)]
+        rows = [own, *itertools.islice(sisters_of(session, own), MOST_SISTERS)]
         return [
             Sister(row.id, row.name, row.state, extremes(session.connection(), row.number, Span(), _OF_A_SISTER))
             for row in rows
@@ -121,24 +117,6 @@ def projection_of(database: Database, axis_id: str) -> ProjectedPreload | None:
         if point.preload_n is not None and point.set_preload_n is None and not point.doubts
     ]  # fmt: skip
     return _projected(judged[::-1] if standing else judged[:_NEWEST][::-1])
-
-
-def _sisters_of(session: Session, axis: AxisRow, most: int) -> list[AxisRow]:
-    """Return other axes of the same stated type, so many at most, in order of name."""
-    axis_type = load_configuration(axis.configuration).axis_type
-    if axis_type is None:
-        return []
-    sisters: list[AxisRow] = []
-    for sister in list_axes(session):
-        try:
-            same = sister.id != axis.id and load_configuration(sister.configuration).axis_type == axis_type
-        except DocumentDamagedError:  # it is told of on its own page
-            continue
-        if same:
-            sisters.append(sister)
-        if len(sisters) == most:
-            break
-    return sisters
 
 
 def _alike(points: Sequence[TrendPoint]) -> list[TrendPoint]:

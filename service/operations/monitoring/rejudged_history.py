@@ -146,18 +146,18 @@ def judged_anew(
     passed = [window for window in windows if refusals[window.started_at] is None]
     refusals |= at_its_position(passed, anew.configuration.position_span_limit_mm)
     accepted = [window for window in passed if refusals[window.started_at] is None]
-    now = replace(row)
+    judged = replace(row)
     if row.status == OPEN:
-        now.n_accepted = len(accepted)
-        return replace(staged, measurement=_dumped(now), refusals=_changed(stored, refusals))
+        judged.n_accepted = len(accepted)
+        return replace(staged, measurement=_dumped(judged), refusals=_changed(stored, refusals))
     outcome = judge(accepted, anew.configuration, anew.calibration)
-    stand(Judged(now, outcome, None, accepted[0] if accepted else None, len(accepted)), anew.calibration_id)
-    point = judged_point(anew.axis_number, now, outcome, 0, anew.calibration)
+    stand(Judged(judged, outcome, None, accepted[0] if accepted else None, len(accepted)), anew.calibration_id)
+    point = judged_point(anew.axis_number, judged, outcome, 0, anew.calibration)
     return replace(
         staged,
-        measurement=_dumped(now),
+        measurement=_dumped(judged),
         point=POINT.dump_python(point, mode="json"),
-        outcome=measurement_document(now, outcome),
+        outcome=measurement_document(judged, outcome),
         response=response_document(outcome),
         refusals=_changed(stored, refusals),
     )
@@ -166,8 +166,8 @@ def judged_anew(
 def refusals_of(staged: StagedRecord) -> dict[datetime, tuple[str | None, Rejection | None]]:
     """Return the windows that are refused otherwise now, by their start: for which reason before, and why now."""
     return {
-        start: (reason_before, None if now is None else Rejection(RejectionReason(now), detail or ""))
-        for start, (reason_before, now, detail) in _REFUSALS.validate_python(staged.refusals or {}).items()
+        start: (reason_before, None if reason is None else Rejection(RejectionReason(reason), detail or ""))
+        for start, (reason_before, reason, detail) in _REFUSALS.validate_python(staged.refusals or {}).items()
     }
 
 

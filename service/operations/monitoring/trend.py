@@ -204,8 +204,8 @@ class Trend:
                 points = page_of_points(
                     session.connection(), row.number, Span(), after=None, limit=most, newest_first=True
                 )
-                preloads = [point.preload_n for point in reversed(points) if point.preload_n is not None]
-                self._newest[row.id] = row.revision, preloads
+                newest = [point.preload_n for point in reversed(points) if point.preload_n is not None]
+                self._newest[row.id] = row.revision, newest
         return {row.id: self._newest[row.id][1] for row in rows}
 
     def paper_rule(self, axis_id: str) -> PaperRule | None:

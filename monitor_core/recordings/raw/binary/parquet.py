@@ -14,7 +14,7 @@ import numpy as np
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples, require_distinct
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -56,8 +56,7 @@ def _is_channel(kind: "pa.DataType") -> bool:
 
 
 def _require_plausible(metadata: "pq.FileMetaData", names: list[str], path: Path) -> None:
-    if len(names) != len(set(names)):
-        raise RecordingFormatError(f"{path.name}: expected columns of different names; got {names}")
+    require_distinct(names, path.name)
     require_plausible_channels([(name, metadata.num_rows) for name in names], path.name)
     require_plausible_expansion(8 * metadata.num_rows * len(names), path.stat().st_size, path.name)
 

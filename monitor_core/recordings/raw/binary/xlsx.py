@@ -21,7 +21,7 @@ import numpy as np
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import MAX_CHANNELS, require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples, require_distinct
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.proposal import propose_for_cells
 
@@ -237,10 +237,7 @@ def _formats(sheet: "Sheet", first_row: int) -> dict[int, str]:
 
 def _channels(columns: dict[int, _Column], formats: dict[int, str], where: str) -> tuple[Channel, ...]:
     kept = {place: column for place, column in sorted(columns.items()) if column.numbers}
-    names = [column.name for column in kept.values()]
-    for name in names:
-        if names.count(name) > 1:
-            raise RecordingFormatError(f"{where}: expected columns of different names; got {name!r} twice")
+    require_distinct([column.name for column in kept.values()], where)
     require_plausible_channels([(column.name, len(column.numbers)) for column in kept.values()], where)
     return tuple(_channel(column, formats.get(place)) for place, column in kept.items())
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from monitor_core.arrays import BoolArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import listed, require_file
-from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
 from monitor_core.recordings.raw.text import lvm, twincat
 from monitor_core.recordings.raw.text.layout import (
     DECIMALS,
@@ -135,7 +135,7 @@ def _read_plain(path: Path) -> Channels:
     pairs = time_columns(names) if has_header and has_equal_names(names) else None
     units = {} if pairs is None else units_in_names(names)
     names = names if pairs is None else distinct_names(names)
-    _require_distinct(names, path.name)
+    _require_names(names, path.name)
     if not any(line.strip() for line in rows.ahead(1)):
         raise RecordingFormatError(f"{path.name}, row {rows.row}: expected numbers under the header; got none")
     form = TableForm(tuple(names), separator, blanks=pairs is not None)
@@ -162,7 +162,7 @@ def _read_with_layout(path: Path, layout: TextLayout) -> Channels:
         units = units_in_names(names) | units
         names = distinct_names(names)
     try:
-        _require_distinct(names, path.name)
+        _require_names(names, path.name)
     except RecordingFormatError as error:
         raise RecordingFormatError(f"{error}; header_row = 0 in [text] calls the columns '1', '2', …") from None
     trailing = all(len(row) == len(names) + 1 and not row[-1] for row in cells)
@@ -180,14 +180,10 @@ def _numbered(names: Sequence[str]) -> list[str]:
     return [name or str(number) for number, name in enumerate(names, start=1)]
 
 
-def _require_distinct(names: Sequence[str], where: str) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if not name:
-            raise RecordingFormatError(f"{where}: expected a name for each column; got {shown_list(names)}")
-        if name in seen:
-            raise RecordingFormatError(f"{where}: expected columns of different names; got {shown(name)} twice")
-        seen.add(name)
+def _require_names(names: Sequence[str], where: str) -> None:
+    if "" in names:
+        raise RecordingFormatError(f"{where}: expected a name for each column; got {shown_list(names)}")
+    require_distinct(names, where)
 
 
 def _heads(rows: Rows, layout: TextLayout) -> tuple[str | None, str | None]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
 from monitor_core.recordings.raw.text.table import (
     MAX_COLUMNS,
     Rows,
@@ -169,9 +169,7 @@ def _names(rows: Rows, header: _FileHeader, n_channels: int, where: str) -> list
         raise RecordingFormatError(f"{where}: expected the names of {n_channels} channels; got {shown_list(labels)}")
     if header.stride == 2:
         names = [f"X_Value {i // 2 + 1}" if i % 2 == 0 else name for i, name in enumerate(names)]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingFormatError(f"{where}: expected channels of different names; got {shown(twice)} twice")
+    require_distinct(names, where, "channels")
     return names
 
 

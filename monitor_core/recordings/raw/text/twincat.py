@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
 from monitor_core.recordings.raw.text.table import (
     Rows,
     Table,
@@ -63,9 +63,9 @@ def read_channels(path: Path) -> Channels:
     """
     rows = Rows(path)
     header = _header(rows)
-    shown = next((line for line in rows.ahead(1)), "")
+    line = next(iter(rows.ahead(1)), "")
     times = sorted(set(header.clocks.values()))
-    cells = shown.split(header.separator)
+    cells = line.split(header.separator)
     in_full = all(_is_stamp(cells[i]) for i in times if i < len(cells)) and bool(times) and bool(cells[0].strip())
     form = TableForm(
         header.names, header.separator, "." if header.separator == "," else "",
@@ -139,9 +139,7 @@ def _checked(rows: Rows, separator: str, about: dict[str, str], of_channels: dic
         raise RecordingFormatError(f"{where}, Name: expected the names of channels; got {shown_list(labels)}")
     numbers = {column: number for number, column in enumerate(sorted(set(clocks.values())), start=1)}
     names = [f"Time {numbers.get(i, 0)}" if i not in clocks else label for i, label in enumerate(labels)]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingFormatError(f"{where}, Name: expected channels of different names; got {shown(twice)} twice")
+    require_distinct(names, f"{where}, Name", "channels")
     if set(range(len(names))) - clocks.keys() - numbers.keys():
         raise RecordingFormatError(
             f"{where}, Name: expected channels behind each column of times; got {shown_list(labels)}"

@@ -12,7 +12,12 @@ from monitor_core.pipeline import AxisState
 from monitor_core.trend import DetectorState, Prior, TrendStatus, prior_from
 from service.errors import DocumentDamagedError
 from service.operations.monitoring.alarm_changes import LATE, settle_alarms
-from service.operations.monitoring.axis_configuration import detector_design, detector_settings, load_configuration
+from service.operations.monitoring.axis_configuration import (
+    detector_design,
+    detector_settings,
+    load_configuration,
+    sisters_of,
+)
 from service.operations.monitoring.intake.chart_state import dump_design, dump_state, is_outdated, load_state
 from service.operations.monitoring.intake.charts import Folded, enter_epoch, fold_from
 from service.store import intake
@@ -50,20 +55,13 @@ def epoch_of_calibration(connection: Connection, axis: AxisRecord, begins_at: da
 
 def prior_of_sisters(session: Session, axis: AxisRow) -> Prior | None:
     """Return what the healthy axes of the same stated type teach now; None without any."""
-    axis_type = load_configuration(axis.configuration).axis_type
-    if axis_type is None:
-        return None
     learnt = []
-    for sister in list_axes(session):
-        if sister.id == axis.id or sister.state != TrendStatus.NORMAL:
+    for sister in sisters_of(session, axis):
+        if sister.state != TrendStatus.NORMAL:
             continue
-        try:
-            same = load_configuration(sister.configuration).axis_type == axis_type
-            belief = load_state(sister.monitor_state).detector.learnt if same else None
-        except DocumentDamagedError:  # it is told of on its own page, and keeps nobody else from learning
-            continue
-        if belief is not None:
-            learnt.append(belief)
+        with suppress(DocumentDamagedError):  # it is told of on its own page, and keeps nobody else from learning
+            belief = load_state(sister.monitor_state).detector.learnt
+            learnt += [] if belief is None else [belief]
     return prior_from(learnt) if learnt else None
 
 
