@@ -24,7 +24,7 @@ from service.api import (
     trend,
     windows,
 )
-from service.api.access import Gate, scopes_of
+from service.api.access import Gate, RefusedInLog, scopes_of
 from service.api.http.body import require_json
 from service.api.http.compression import Compression
 from service.api.http.guard import Guard
@@ -97,6 +97,7 @@ def create_app(settings: Settings) -> FastAPI:
         services.jobs.resume()
         in_background: tuple[Repeatedly | Dispatcher | StatePublisher, ...] = (
             watch_of_shelves(services.database),
+            services.access.refusals.writer(),
             services.dispatcher,
             *publishers,
         )
@@ -112,6 +113,7 @@ def create_app(settings: Settings) -> FastAPI:
             services.jobs.close()
             services.ingest.close()
             services.waveforms.close()
+            services.access.refusals.write()
             services.database.close()
 
     app = FastAPIOffline(
@@ -140,6 +142,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Gate, needed=scopes_of(route for router in routers for route in router.routes) | needed)
     app.add_middleware(Compression, minimum_size=1000)
     app.add_middleware(Guard, host_names=settings.own_names())
+    app.add_middleware(RefusedInLog)
     app.add_middleware(Site)
     app.add_middleware(RequestObserver, metrics=metrics)
     for router in routers:

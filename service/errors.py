@@ -1,5 +1,6 @@
 """Define the errors of the service, and the one table from error class to HTTP status."""
 
+import math
 from typing import TYPE_CHECKING
 
 from monitor_core.errors import (
@@ -94,7 +95,7 @@ class TooManyTriesError(ServiceError):
     @property
     def retry_after(self) -> str:
         """Return the value of the header ``Retry-After``: whole seconds, at least one."""
-        return str(max(1, round(self.wait_s)))
+        return str(max(1, math.ceil(self.wait_s)))
 
 
 class StorageError(ServiceError):

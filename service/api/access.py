@@ -19,7 +19,9 @@ from service.api.http.problems import problem_of
 from service.api.services import Services
 from service.errors import ServiceError, UnauthenticatedError
 from service.operations.access.access import Access, require
+from service.operations.access.refusals import Refused
 from service.operations.access.scopes import ANYONE, Caller, Scope
+from service.store.access import REFUSING_STATUS
 
 #: Of the cookie of a browser that is logged in.
 COOKIE = "preload_session"
@@ -38,6 +40,12 @@ async def caller(request: Request) -> Caller:
 
 #: What a route takes them by that writes down who did something.
 CallerOf = Annotated[Caller, Depends(caller)]
+
+
+def address_of(scope: Connection) -> str:
+    """Return the address that a request comes from, as a trusted proxy states it where there is one."""
+    client: tuple[str, int] | None = scope.get("client")
+    return client[0] if client else "unknown"
 
 
 def needs(scope: Scope) -> params.Security:
@@ -77,23 +85,23 @@ class Gate:
         state = scope.setdefault("state", {})
         state["caller"] = ANYONE
         path = scope["path"]
+        template, axis = self._route_of(path)
+        state["action"] = f"{scope['method']} {template}"[:200]
         if path in OPEN or path.startswith(_OPEN_FOLDER):
             await self._app(scope, receive, send)
             return
         access = cast(Services, scope["app"].state.services).access
-        template, axis = self._route_of(path)
         try:
             caller = await self._caller(scope, access)
-            state["caller"] = caller
+            state["caller"], state["who"] = caller, caller.name
             if not caller.is_anyone:
                 require(caller, self._needed.get((_method(scope), template), Scope.ADMIN), axis)
             if scope["method"] in _SAFE or template in _NOT_LOGGED:
                 entry = None
             else:
-                begin = partial(
-                    access.begin_entry, caller, f"{scope['method']} {template}"[:200], path, axis, state["request_id"]
-                )
+                begin = partial(access.begin_entry, caller, state["action"], path, axis, state["request_id"])
                 entry = await run_sync(begin)
+                state["is_in_log"] = True
         except ServiceError as error:
             await _refusal(error, scope)(scope, receive, send)
             return
@@ -114,10 +122,10 @@ class Gate:
         headers = Headers(scope=scope)
         scheme, _, key = headers.get("authorization", "").partition(" ")
         cookie = cookie_parser(headers.get("cookie", "")).get(COOKIE)
-        address = scope["client"][0] if scope.get("client") else "unknown"
-        find = partial(
-            access.caller, key=key.strip() if scheme.lower() == "bearer" else None, cookie=cookie, address=address
-        )
+        key_sent = key.strip() if scheme.lower() == "bearer" else None
+        if key_sent is not None:
+            scope["state"]["who"] = "an unknown key"  # until it is known
+        find = partial(access.caller, key=key_sent, cookie=cookie, address=address_of(scope))
         return find() if access.is_known(cookie) else await run_sync(find)
 
     async def _logged(self, access: Access, entry: int, scope: Connection, receive: Receive, send: Send) -> None:
@@ -129,6 +137,32 @@ class Gate:
             await send(message)
 
         await self._app(scope, receive, send_noted)
+
+
+class RefusedInLog:
+    """ASGI middleware: has every answer that refuses who asks counted in the log of changes, whoever gave it."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Connection, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+
+        async def send_noted(message: Message) -> None:
+            if message["type"] == "http.response.start" and message["status"] in REFUSING_STATUS:
+                _note_refusal(scope, message["status"])
+            await send(message)
+
+        await self._app(scope, receive, send_noted if scope["type"] == "http" else send)
+
+
+def _note_refusal(scope: Connection, status: int) -> None:
+    state = scope.get("state", {})
+    if state.get("is_in_log"):
+        return  # as an entry of its own: it was let through, and refused by its route
+    access = cast(Services, scope["app"].state.services).access
+    action = state.get("action", scope["method"])
+    access.refusals.note(Refused(state.get("who", "nobody"), address_of(scope), action, scope["path"], status))
 
 
 def _method(scope: Connection) -> str:

@@ -90,6 +90,16 @@ def disable_user(name: str, data_dir: Path | None) -> None:
     print_line(f"{name} cannot log in any more")
 
 
+@user.command("unlock")
+@click.argument("name")
+@data_dir_option()
+def unlock_user(name: str, data_dir: Path | None) -> None:
+    """Let a user log in at once from where too many wrong passwords came."""
+    with _people(data_dir) as people:
+        people.unlock_user(name)
+    print_line(f"{name} may log in again")
+
+
 @user.command("list")
 @data_dir_option()
 @json_option

@@ -1,20 +1,17 @@
 """An OPC UA server that shows the axes of a service; it reads the service over HTTP and writes nothing to it."""
 
 import asyncio
-import hmac
 import ipaddress
 import logging
 from pathlib import Path
 from typing import Self
 
 from asyncua import Server, ua
-from asyncua.crypto.permission_rules import User, UserRole
-from asyncua.server.internal_server import InternalServer
-from asyncua.server.user_managers import UserManager
 from httpx import AsyncClient
 from pydantic import Field, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from service.gateways.opcua_login import OneUser, Sessions
 from service.gateways.opcua_nodes import SEVERITY, Nodes
 from service.gateways.opcua_reading import ServiceAwayError, read_service
 from service.operations.notices.receivers import read_secret
@@ -57,25 +54,6 @@ class OpcuaSettings(BaseSettings):
         return self
 
 
-class _OneUser(UserManager):  # type: ignore[misc]  # the library's types are not read
-    """Lets one name with one password in."""
-
-    def __init__(self, username: str, password: str) -> None:
-        self._expected = f"{username}\n{password}".encode()
-
-    def get_user(
-        self,
-        iserver: InternalServer,
-        username: str | None = None,
-        password: str | None = None,
-        certificate: object = None,
-    ) -> User | None:
-        """Return who may read, None where name or password is another."""
-        del iserver, certificate
-        given = f"{username}\n{password}".encode()
-        return User(UserRole.User, username) if hmac.compare_digest(given, self._expected) else None
-
-
 async def serve_opcua(settings: OpcuaSettings, url: str, key: str | None, stopping: asyncio.Event) -> None:
     """Show a service until it is to stop."""
     server = await _new_server(settings)
@@ -98,9 +76,9 @@ async def serve_opcua(settings: OpcuaSettings, url: str, key: str | None, stoppi
 async def _new_server(settings: OpcuaSettings) -> Server:
     users, policy = None, ua.SecurityPolicyType.NoSecurity
     if settings.username is not None and settings.password_file is not None:
-        users = _OneUser(settings.username, read_secret(settings.password_file).get_secret_value())
+        users = OneUser(settings.username, read_secret(settings.password_file).get_secret_value())
         policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt
-    server = Server(user_manager=users)
+    server = Server(iserver=Sessions(user_manager=users))
     server.iserver.bind_condition_methods = SEVERITY  # ConditionRefresh; its own events have a severity, too
     await server.init()
     server.set_endpoint(f"opc.tcp://{settings.host}:{settings.port}/preload")

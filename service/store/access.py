@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import datetime
 
-from sqlalchemy import delete, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from service.errors import UnknownResourceError
@@ -11,6 +11,10 @@ from service.store.tables import AuditRow, BrowserSessionRow, KeyRow, UserRow
 
 #: Whoever has this role may do everything; the first one of it closes the service to others.
 ADMINISTRATOR = "administrator"
+#: What the log calls that somebody may try to log in again.
+UNLOCK = "user unlock"
+#: Answers that refuse who asks: without a right key or password, without the right to it, after too many wrong ones.
+REFUSING_STATUS = (401, 403, 429)
 
 
 def get_user(session: Session, name: str) -> UserRow:
@@ -68,3 +72,27 @@ def list_audit(session: Session, *, axis_id: str | None, before_id: int | None, 
     if before_id is not None:
         query = query.where(AuditRow.id < before_id)
     return list(session.scalars(query.order_by(AuditRow.id.desc()).limit(limit)))
+
+
+def newest_entry(session: Session) -> int:
+    """Return the number of the newest entry of the log; 0 if it has no entry."""
+    return session.scalar(select(func.max(AuditRow.id))) or 0
+
+
+def unlocked_names(session: Session, after: int, until: int) -> list[str]:
+    """Return who was unlocked by the entries of the log after one, until another one."""
+    query = select(AuditRow.target).where(AuditRow.id > after, AuditRow.id <= until, AuditRow.action == UNLOCK)
+    return list(session.scalars(query))
+
+
+def drop_refusals(session: Session, *, keep: int) -> None:
+    """Forget refused attempts but for the newest."""
+    newest_dropped = session.scalar(
+        select(AuditRow.id)
+        .where(AuditRow.status.in_(REFUSING_STATUS))
+        .order_by(AuditRow.id.desc())
+        .offset(keep)
+        .limit(1)
+    )
+    if newest_dropped is not None:
+        session.execute(delete(AuditRow).where(AuditRow.status.in_(REFUSING_STATUS), AuditRow.id <= newest_dropped))

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Form, Request, Response
 from fastapi.responses import RedirectResponse
 from pydantic import BaseModel, Field
 
-from service.api.access import COOKIE
+from service.api.access import COOKIE, address_of
 from service.api.services import ServicesOf
 from service.clock import now
 from service.errors import TooManyTriesError, UnauthenticatedError
@@ -34,9 +34,9 @@ def login_page(page: PageOf, next: str = "/") -> Response:  # noqa: A002 - what 
 @router.post("/login")
 def log_in(request: Request, page: PageOf, form: Annotated[LoginForm, Form()], on: ServicesOf) -> Response:
     """Log in, and go on to the page that was asked for."""
-    address = request.client.host if request.client else "unknown"
+    request.state.who = on.access.name_of(form.name)
     try:
-        token, expires_at = on.access.log_in(form.name, form.password, address)
+        token, expires_at = on.access.log_in(form.name, form.password, address_of(request.scope))
     except (UnauthenticatedError, TooManyTriesError) as error:
         wait = {"Retry-After": error.retry_after} if isinstance(error, TooManyTriesError) else None
         return page.show(

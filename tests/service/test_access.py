@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -18,7 +19,6 @@ from service.cli.remote import server
 from service.clock import now
 from service.errors import ConflictError, InvalidRequestError
 from service.operations.access import access
-from service.operations.access.access import FREE_TRIES, LONGEST_WAIT_S, LoginThrottle
 from service.operations.access.passwords import hashed_password, is_password
 from service.operations.access.people import People
 from service.operations.access.scopes import EVERYTHING, ROLES, Scope
@@ -55,13 +55,14 @@ class Closed:
 
 
 @contextmanager
-def served(data_dir: Path) -> Iterator[tuple[FastAPI, httpx.Client]]:
+def served(data_dir: Path, **settings: Any) -> Iterator[tuple[FastAPI, httpx.Client]]:
     """Run a service on loopback, and show what is inside."""
-    app = create_app(Settings(data_dir=data_dir, port=0))
+    made = Settings(data_dir=data_dir, port=0, **settings)
+    app = create_app(made)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(server, "create_app", lambda _settings: app)
         with (
-            server.embedded_service(Settings(data_dir=data_dir, port=0)) as url,
+            server.embedded_service(made) as url,
             httpx.Client(base_url=url, trust_env=False, timeout=60.0) as http,
         ):
             yield app, http
@@ -117,7 +118,7 @@ def test_each_route_is_denied_without_its_scope_and_to_nobody(closed: Closed, su
             needed, path = NEEDED.get((method, template), Scope.ADMIN), path_of(template)
             assert closed.status(method, path, None) == 401
             assert closed.status(method, path, "Bearer preload_of_nobody") == 401
-            closed.access.throttle.right("key from 127.0.0.1")
+            closed.access.wrong_keys.right("127.0.0.1", "")
             assert closed.status(method, path, closed.key(*(EVERYTHING - {needed}))) == 403
             assert closed.status(method, path, closed.key(needed)) not in (401, 403)
 
@@ -195,36 +196,6 @@ def test_who_is_not_logged_in_is_led_to_the_login_and_back(closed: Closed) -> No
     assert 'name="next" value="/axes/press"' in page
     for elsewhere in ("https://elsewhere.example/", "//elsewhere.example", "/\\elsewhere.example", "javascript:x"):
         assert 'name="next" value="/"' in closed.http.get("/login", params={"next": elsewhere}).text
-
-
-def test_guessing_is_slowed(closed: Closed) -> None:
-    statuses = [
-        closed.http.post("/login", data={"name": "nobody", "password": f"wrong {n}"}).status_code
-        for n in range(FREE_TRIES + 1)
-    ]
-    assert statuses == [401] * FREE_TRIES + [429]
-    answer = closed.http.post("/login", data={"name": "nobody", "password": PASSWORD})
-    assert answer.status_code == 429
-    assert int(answer.headers["retry-after"]) >= 1
-    closed.access.throttle.right("address 127.0.0.1", "user nobody", "key from 127.0.0.1")
-    statuses = [closed.status("GET", "/v1/axes", f"Bearer guess{n}") for n in range(FREE_TRIES + 1)]
-    assert statuses == [401] * FREE_TRIES + [429]
-    closed.access.throttle.right("key from 127.0.0.1")
-
-
-def test_each_wrong_try_doubles_the_wait() -> None:
-    throttle, at, waits = LoginThrottle(), 0.0, []
-    for _ in range(FREE_TRIES + 12):
-        wait = throttle.wait_s("anna", at_s=at)
-        waits.append(wait)
-        at += wait
-        throttle.wrong("anna", at_s=at)
-    assert waits[: FREE_TRIES + 1] == [0.0] * FREE_TRIES + [1.0]
-    assert waits[FREE_TRIES : FREE_TRIES + 9] == [2.0**n for n in range(9)]
-    assert max(waits) == LONGEST_WAIT_S
-    assert throttle.wait_s("berta", at_s=at) == 0.0
-    throttle.right("anna")
-    assert throttle.wait_s("anna", at_s=at) == 0.0
 
 
 def test_every_change_is_in_the_log_with_who_and_what_became_of_it(closed: Closed) -> None:
@@ -325,7 +296,7 @@ def test_a_user_who_is_disabled_or_has_another_password_is_logged_out(closed: Cl
             closed.access.forget()
             assert http.get("/v1/axes").status_code == 401
             assert http.post("/login", data={"name": f"carl {n}", "password": PASSWORD}).status_code == 401
-        closed.access.throttle.right("address 127.0.0.1")
+        closed.access.wrong_logins.right("127.0.0.1", f"user carl {n}")
 
 
 def test_passwords_are_long_and_stored_as_hashes(closed: Closed) -> None:

@@ -42,6 +42,8 @@ def test_what_cannot_be_is_said_in_a_sentence(tmp_path: Path) -> None:
         run(tmp_path, "user", "add", "berta", "--role", "viewer", "--password-stdin", given="short\n")
     with pytest.raises(UnknownResourceError, match="there is no user 'carl'"):
         run(tmp_path, "user", "disable", "carl")
+    with pytest.raises(UnknownResourceError, match="there is no user 'carl'"):
+        run(tmp_path, "user", "unlock", "carl")
     with pytest.raises(UnknownResourceError, match="there is no key 7"):
         run(tmp_path, "key", "revoke", "7")
     with pytest.raises(UnknownResourceError):

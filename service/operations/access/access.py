@@ -1,15 +1,17 @@
 """Authenticate and authorise requests, pages and commands; keep the log of changes."""
 
+import math
 import threading
 import time
-from collections import OrderedDict
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from service.clock import now
-from service.errors import ForbiddenError, TooManyTriesError, UnauthenticatedError
+from service.errors import ForbiddenError, ServiceError, TooManyTriesError, UnauthenticatedError
 from service.operations.access.passwords import fingerprint, is_password, new_token, of_nobody
+from service.operations.access.refusals import Refusals
 from service.operations.access.scopes import ANYONE, ROLES, Caller, Scope
+from service.operations.access.throttle import LoginThrottle, host_of
 from service.store import access
 from service.store.database import Database
 from service.store.tables import AuditRow, BrowserSessionRow
@@ -21,53 +23,6 @@ _ASKED_AGAIN_S = 0.2
 #: The moment of last use of a key is written so often.
 _NOTED_EVERY_S = 60.0
 SESSION_LASTS = timedelta(hours=12)
-#: So many may be wrong without a wait, as people are; then 1, 2, 4 … seconds, not more than this.
-FREE_TRIES = 5
-LONGEST_WAIT_S = 300.0
-#: After so long without a wrong try it is forgotten.
-_FORGOTTEN_AFTER_S = 3600.0
-_MOST_NAMES = 10_000
-
-
-@dataclass(slots=True)
-class _Tries:
-    n_wrong: int
-    last_s: float
-
-
-class LoginThrottle:
-    """Delays logins after wrong tries, by user name and by address. Times are of one clock."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._tries: OrderedDict[str, _Tries] = OrderedDict()
-
-    def wait_s(self, *names: str, at_s: float) -> float:
-        """Return how long to wait before the next try of any of the names; 0: try now."""
-        with self._lock:
-            return max((self._wait(name, at_s) for name in names), default=0.0)
-
-    def wrong(self, *names: str, at_s: float) -> None:
-        """Count a wrong try."""
-        with self._lock:
-            for name in names:
-                tries = self._tries.pop(name, None)
-                n_before = 0 if tries is None or at_s - tries.last_s > _FORGOTTEN_AFTER_S else tries.n_wrong
-                self._tries[name] = _Tries(n_before + 1, at_s)
-            while len(self._tries) > _MOST_NAMES:
-                self._tries.popitem(last=False)
-
-    def right(self, *names: str) -> None:
-        """Reset the count after a correct login."""
-        with self._lock:
-            for name in names:
-                self._tries.pop(name, None)
-
-    def _wait(self, name: str, at_s: float) -> float:
-        tries = self._tries.get(name)
-        if tries is None or tries.n_wrong < FREE_TRIES or at_s - tries.last_s > _FORGOTTEN_AFTER_S:
-            return 0.0
-        return max(0.0, tries.last_s + min(2.0 ** (tries.n_wrong - FREE_TRIES), LONGEST_WAIT_S) - at_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +31,7 @@ class _Known:
 
     at_s: float
     is_closed: bool
+    users: frozenset[str]  # names
     keys: dict[str, tuple[int, Caller, datetime | None]]  # by fingerprint: id, caller, expiry
     sessions: dict[str, tuple[Caller, datetime]]  # by fingerprint: caller, expiry
 
@@ -93,7 +49,11 @@ class Access:
         self._known: _Known | None = None
         self._used: dict[int, datetime] = {}
         self._noted_at_s = time.monotonic()
-        self.throttle = LoginThrottle()
+        self.wrong_logins, self.wrong_keys = LoginThrottle(), LoginThrottle()
+        self.refusals = Refusals(database)
+        with database.read() as session:
+            self._unlocked_until = access.newest_entry(session)  # entry of the log up to which unlocks were noted
+        self._asked_for_unlocks_s = time.monotonic()
 
     def is_known(self, cookie: str | None) -> bool:
         """Return whether :meth:`caller` answers without the database."""
@@ -120,17 +80,17 @@ class Access:
 
         Raises UnauthenticatedError if there is no such user with this password; TooManyTriesError after too many tries.
         """
-        at_s, tried = time.monotonic(), (f"user {name}", f"address {address}")
-        self._require_no_wait(*tried, at_s=at_s)
-        with self._database.read() as session:
-            users = {row.name: row for row in access.list_users(session) if row.disabled_at is None}
-        user = users.get(name)
-        if not is_password(password, of_nobody() if user is None else user.password_hash) or user is None:
-            self.throttle.wrong(*tried, at_s=at_s)
-            self.note(f"user {name}"[:120], "log in", "/login", 401)
+        counted_as = self.name_of(name)
+        self._begin_try(address, counted_as)
+        try:
+            is_right = self._is_right(name, password)
+        except ServiceError:
+            self.wrong_logins.withdraw(address, counted_as)
+            raise
+        if not is_right:
             raise UnauthenticatedError("there is no such user with this password")
-        self.throttle.right(*tried)
-        token, at = new_token(), now()
+        self.wrong_logins.right(address, counted_as)
+        token, at, source = new_token(), now(), f"/login from {host_of(address)}"
         with self._database.write() as session:
             access.drop_expired_sessions(session, at)
             session.add(
@@ -138,9 +98,13 @@ class Access:
                     token_sha256=fingerprint(token), user_name=name, created_at=at, expires_at=at + SESSION_LASTS
                 )
             )
-        self.note(f"user {name}", "log in", "/login", 200)
+            session.add(AuditRow(at=at, who=f"user {name}", action="log in", target=source, status=200))
         self.forget()
         return token, at + SESSION_LASTS
+
+    def name_of(self, name: str) -> str:
+        """Return who a login says that it is; a name that no user has is not told: it may be a password."""
+        return f"user {name}" if name in self._fresh(None).users else "an unknown user"
 
     def log_out(self, cookie: str) -> None:
         """End a browser session."""
@@ -166,13 +130,9 @@ class Access:
             if row is not None:
                 row.status = status
 
-    def note(self, who: str, action: str, target: str, status: int) -> None:
-        """Write a complete entry of the log."""
-        with self._database.write() as session:
-            session.add(AuditRow(at=now(), who=who, action=action, target=target, status=status))
-
     def log(self, axis: str | None, before_id: int | None, limit: int) -> list[AuditRow]:
         """Return entries of the log, newest first."""
+        self.refusals.write()
         with self._database.read() as session:
             return access.list_audit(session, axis_id=axis, before_id=before_id, limit=limit)
 
@@ -181,11 +141,11 @@ class Access:
         self._known = None
 
     def _of_key(self, callers: _Known, key: str, address: str) -> Caller:
-        at_s, tried = time.monotonic(), f"key from {address}"
         stored = callers.keys.get(fingerprint(key))
         if stored is None or (stored[2] is not None and stored[2] <= now()):
-            self._require_no_wait(tried, at_s=at_s)
-            self.throttle.wrong(tried, at_s=at_s)
+            wait_s = self.wrong_keys.begin(address, "", at_s=time.monotonic())
+            if wait_s > 0.0:
+                raise TooManyTriesError(f"too many wrong keys from this address; {_later(wait_s)}", wait_s)
             raise UnauthenticatedError(
                 "the key is unknown, revoked or expired; `preload key list` shows those there are"
             )
@@ -193,10 +153,37 @@ class Access:
         self._used[number] = now()
         return caller
 
-    def _require_no_wait(self, *tried: str, at_s: float) -> None:
-        wait_s = self.throttle.wait_s(*tried, at_s=at_s)
+    def _begin_try(self, address: str, name: str) -> None:
+        """Count a login as a wrong one until it is known to be right."""
+        wait_s = self.wrong_logins.begin(address, name, at_s=time.monotonic())
+        if wait_s > 0.0 and self._note_unlocks():
+            wait_s = self.wrong_logins.begin(address, name, at_s=time.monotonic())
         if wait_s > 0.0:
-            raise TooManyTriesError(f"too many wrong tries; try again in {wait_s:.0f} s or later", wait_s)
+            raise TooManyTriesError(
+                f"too many wrong passwords from this address; {_later(wait_s)}, or ask an administrator for "
+                "`preload user unlock`",
+                wait_s,
+            )
+
+    def _is_right(self, name: str, password: str) -> bool:
+        with self._database.read() as session:
+            users = {row.name: row for row in access.list_users(session) if row.disabled_at is None}
+        user = users.get(name)
+        # of nobody, too: who is no user is told so after the same time
+        return is_password(password, of_nobody() if user is None else user.password_hash) and user is not None
+
+    def _note_unlocks(self) -> bool:
+        """Let those try again whom a command has unlocked, and return whether there was one."""
+        with self._lock:
+            if time.monotonic() - self._asked_for_unlocks_s < FRESH_S:
+                return False
+            with self._database.read() as session:
+                newest = access.newest_entry(session)
+                names = access.unlocked_names(session, self._unlocked_until, newest)
+            self._asked_for_unlocks_s, self._unlocked_until = time.monotonic(), newest
+        for name in names:
+            self.wrong_logins.unlock(f"user {name}")
+        return bool(names)
 
     def _fresh(self, cookie: str | None) -> _Known:
         callers = self._known
@@ -221,6 +208,7 @@ class Access:
         return _Known(
             at_s,
             is_closed=has_administrator or not self._on_loopback,
+            users=frozenset(user.name for user in users),
             keys={
                 row.secret_sha256: (
                     row.id,
@@ -249,6 +237,10 @@ class Access:
         with self._database.write() as session:
             for number, at in used.items():
                 access.get_key(session, number).last_used_at = at
+
+
+def _later(wait_s: float) -> str:
+    return f"try again in {math.ceil(wait_s)} s"
 
 
 def require(caller: Caller, scope: Scope, axis: str | None) -> None:

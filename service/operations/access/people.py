@@ -68,6 +68,12 @@ class People:
             access.end_sessions(session, user=name)
             session.add(self._entry("user disable", name))
 
+    def unlock_user(self, name: str) -> None:
+        """Let a user log in where too many wrong passwords came from; services take note of the entry of the log."""
+        with self._database.write() as session:
+            access.get_user(session, name)
+            session.add(self._entry(access.UNLOCK, name))
+
     def keys(self) -> list[KeyRow]:
         """Return all keys, oldest first."""
         with self._database.read() as session:
