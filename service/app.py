@@ -22,11 +22,12 @@ from service.api import (
     retention,
     system,
     trend,
+    trend_points,
     windows,
 )
 from service.api.access import Gate, RefusedInLog, scopes_of
 from service.api.http.body import require_json
-from service.api.http.compression import Compression
+from service.api.http.compression import LEVEL, Compression
 from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
 from service.api.http.observer import RequestObserver
@@ -129,7 +130,9 @@ def create_app(settings: Settings) -> FastAPI:
     app.openapi = partial(describe, app)  # type: ignore[method-assign]  # FastAPI's own way to replace it
     app.state.settings = settings
     install_problem_handlers(app)
-    of_json = [each.router for each in (axes, trend, calibrations, calibrating, alarms, jobs, retention, system)]
+    of_json = [
+        each.router for each in (axes, trend_points, trend, calibrations, calibrating, alarms, jobs, retention, system)
+    ]
     of_json.append(axes.maintenance_router)
     routers = [windows.router, recordings.router, *of_json, health.router, *PAGES]
     app.add_middleware(
@@ -140,7 +143,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     needed = {("GET", "/openapi.json"): Scope.TRENDS_READ}  # the framework's own route
     app.add_middleware(Gate, needed=scopes_of(route for router in routers for route in router.routes) | needed)
-    app.add_middleware(Compression, minimum_size=1000)
+    app.add_middleware(Compression, minimum_size=1000, compresslevel=LEVEL)
     app.add_middleware(Guard, host_names=settings.own_names())
     app.add_middleware(RefusedInLog)
     app.add_middleware(Site)

@@ -5,6 +5,7 @@ from monitor_core.preload.budget import (
     systematic_uncertainty_between as systematic_uncertainty_between,
     unexplained_scatter as unexplained_scatter,
     widened as widened,
+    widened_ends as widened_ends,
 )
 from monitor_core.preload.calibration import (
     Calibration as Calibration,

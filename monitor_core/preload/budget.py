@@ -6,6 +6,7 @@ All functions raise ``OutsideValidityError`` if a payload is below the reference
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -21,6 +22,9 @@ from monitor_core.preload.feature import correction_sensitivities, from_referenc
 from monitor_core.preload.witnesses import Deviation
 from monitor_core.recording import Conditions
 from monitor_core.uncertainty import Estimate, Interval
+
+#: One number or many.
+Real = TypeVar("Real", float, FloatArray)
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,13 +295,14 @@ def systematic_uncertainty_between(
     return float(max(0.0, here - max(of_baseline)))
 
 
-def unexplained_scatter(learnt: float, budgeted: float) -> float:
+def unexplained_scatter(learnt: Real, budgeted: Real) -> Real:
     """Return what the scatter between sessions has on top of what the budget of a measurement allows for.
 
     Both are standard deviations of the preload feature [s²]. A smaller scatter narrows nothing: what has been the same
     since the calibration (a mounting, a home switch) does not show in it.
     """
-    return math.sqrt(max(learnt**2 - budgeted**2, 0.0))
+    unexplained: Real = np.sqrt(np.maximum(learnt**2 - budgeted**2, 0.0))
+    return unexplained
 
 
 def widened(interval: Interval, preload: float, feature: float, unexplained: float) -> Interval:
@@ -309,10 +314,16 @@ def widened(interval: Interval, preload: float, feature: float, unexplained: flo
     """
     if unexplained <= 0.0:
         return interval
-    theta = float(np.cbrt(1.0 / preload))
-    reach = float(scipy.special.ndtri(0.5 * (1.0 + interval.level))) * unexplained * theta / feature
-    most = math.inf if interval.lower == 0.0 else float(np.cbrt(1.0 / interval.lower))
-    least = float(np.cbrt(1.0 / interval.upper))
-    high, low = theta + math.hypot(most - theta, reach), theta - math.hypot(theta - least, reach)
-    upper = math.inf if low <= 0.0 or least == 0.0 else low**-3.0
-    return Interval(high**-3.0, upper, interval.kind, interval.level)
+    lower, upper = widened_ends((interval.lower, interval.upper), preload, feature, unexplained, interval.level)
+    return Interval(float(lower), float(upper), interval.kind, interval.level)
+
+
+def widened_ends(
+    ends: tuple[Real, Real], preload: Real, feature: Real, unexplained: Real, level: float = 0.95
+) -> tuple[FloatArray, FloatArray]:
+    """Return both ends of one interval or of many as :func:`widened` has them; an open end is infinite [N]."""
+    with np.errstate(divide="ignore"):  # an end at zero
+        theta, most, least = np.cbrt(1.0 / preload), *(np.cbrt(np.divide(1.0, end)) for end in ends)
+        reach = scipy.special.ndtri(0.5 * (1.0 + level)) * unexplained * theta / feature
+        high, low = theta + np.hypot(most - theta, reach), theta - np.hypot(theta - least, reach)
+        return np.asarray(high**-3.0), np.where((low <= 0.0) | (least == 0.0), np.inf, np.abs(low) ** -3.0)

@@ -1,62 +1,26 @@
-"""``GET /v1/axes/{axis}/trend`` and single measurements with the evidence behind their value."""
+"""What an axis did: its history and projection, and single measurements with the evidence behind their value."""
 
-import hashlib
 import math
 from datetime import datetime
-from functools import partial
-from importlib.metadata import version
-from typing import Annotated, Literal
+from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter
 from pydantic import AliasGenerator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from monitor_core.recording import Rejection
 from monitor_core.response import FrequencyResponse
 from service.api.access import needs
 from service.api.axes import MaintenanceOut, StaleOut
-from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
-from service.api.services import Services, ServicesOf
+from service.api.services import ServicesOf
 from service.documents.history import AlertView, BaselineView, FalseAlarmsView, LineView
-from service.documents.measurement import interval_of, numbers
+from service.documents.measurement import numbers
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
-from service.operations.fields import AnswerModel, AxisId, Moment, RowId
+from service.operations.fields import AnswerModel, AxisId, RowId
 from service.operations.monitoring.evidence import OtherJudgement, evidence_of
-from service.operations.monitoring.extremes import thin_out
 from service.operations.monitoring.long_run import projection_of
-from service.operations.monitoring.trend import Only
-from service.store.rejudged import Stale
-from service.store.trend.points import Span, TrendPoint
 
 router = APIRouter(prefix="/v1", tags=["trend"])
-
-
-class TrendPointOut(BaseModel):
-    """One measurement: a preload with its 95 % coverage interval, or the reason why there is none."""
-
-    measurement_id: int
-    measurement: str
-    at: datetime
-    position_mm: float
-    status: Literal["judged", "refused"]
-    frequency_hz: float | None
-    preload_n: float | None
-    interval_95_n: tuple[float | None, float | None] | None
-    drag_torque_nm: Annotated[float | None, Field(description="the second, independent indicator")]
-    state: str | None
-    refusal_reason: str | None
-    uncharted: Annotated[str | None, Field(description="why an accepted measurement moved no chart")]
-    calibration: Annotated[int | None, Field(description="by which it was judged")]
-    doubt: Annotated[str | None, Field(description="what speaks against the preload; its measurement says it in words")]
-
-
-class TrendOut(BaseModel):
-    """Measurements in time order; `next_cursor` fetches the following page."""
-
-    axis: str
-    points: list[TrendPointOut]
-    next_cursor: str | None
-    stale: Annotated[StaleOut | None, Field(description="while the history is judged anew: by which job")] = None
 
 
 class WindowEntry(AnswerModel):
@@ -150,88 +114,6 @@ class EvidenceOut(BaseModel):
     baseline_response: Annotated[ResponseOut | None, Field(description="mean of the baseline's at the same place")]
     n_baseline: Annotated[int, Field(description="measurements in that mean")]
     judgements: Annotated[list[JudgementOut], Field(description="by the newest calibrations, those not in force too")]
-
-
-class TrendQuery(TableQuery):
-    """Which part of the trend, and how finely."""
-
-    start: Moment | None = Field(default=None, alias="from", description="inclusive")
-    end: Moment | None = Field(default=None, alias="to", description="exclusive")
-    max_points: Annotated[int, Field(ge=2, le=10_000)] | None = Field(
-        default=None, description="resolution: of each stretch of a page the lowest and the highest preload are kept"
-    )
-    resolution: Annotated[int, Field(ge=2, le=10_000)] | None = Field(
-        default=None,
-        description="so many points at most over the whole span, however long: the extremes of each stretch of it",
-    )
-    order: Literal["oldest-first", "newest-first"] = "oldest-first"
-    only: Only | None = Field(
-        default=None, description="refused ones, or those in doubt; a page may hold few and still have a next_cursor"
-    )
-    cursor: Annotated[str, Field(max_length=200)] | None = Field(default=None, description="next_cursor of a page")
-    limit: Annotated[int, Field(ge=1, le=10_000)] = 1000
-
-
-def point_out(point: TrendPoint) -> TrendPointOut:
-    """Return a measurement as a point of the trend on the wire."""
-    interval = None if point.preload_n is None else interval_of(point)
-    return TrendPointOut(
-        measurement_id=point.measurement_id,
-        measurement=point.name,
-        at=point.at,
-        position_mm=point.position_mm,
-        status="judged" if point.refusal_reason is None else "refused",
-        frequency_hz=point.frequency_hz,
-        preload_n=point.preload_n,
-        interval_95_n=interval,
-        drag_torque_nm=point.drag_torque_nm,
-        state=point.state,
-        refusal_reason=point.refusal_reason,
-        uncharted=point.uncharted,
-        calibration=point.calibration_id,
-        doubt=next(iter(point.doubts), None),
-    )
-
-
-@router.get(
-    "/axes/{axis}/trend",
-    response_model=TrendOut,
-    responses={200: TABLE_RESPONSE, 304: {"description": "not modified"}},
-    dependencies=[needs(Scope.TRENDS_READ)],
-)
-def get_trend(axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, on: ServicesOf) -> Response:
-    """Return the trend of an axis, refused measurements included."""
-    if query.format is not None:
-        return table(f"{axis}-trend", TrendPointOut, query, partial(_page, axis, on))
-    revision, stale = on.trend.revision(axis)
-    etag = _etag(query, revision, stale)  # before the trend is read: it is of this revision or a later one
-    if etag in _etags(request.headers.get("if-none-match", "")):
-        return Response(status_code=304, headers={"ETag": etag})
-    points, cursor = _page(axis, on, query)
-    out = TrendOut(axis=axis, points=points, next_cursor=cursor, stale=stale)
-    return Response(out.model_dump_json(), media_type="application/json", headers={"ETag": etag})
-
-
-def _page(axis: str, on: Services, query: TrendQuery) -> tuple[list[TrendPointOut], str | None]:
-    span, newest_first = Span(query.start, query.end), query.order == "newest-first"
-    if query.resolution is not None:
-        page = on.trend.at_resolution(axis, span, query.resolution)
-        points = page.points[::-1] if newest_first else page.points
-    else:
-        page = on.trend.page(
-            axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first, only=query.only
-        )
-        points = page.points if query.max_points is None else thin_out(page.points, query.max_points)
-    return [point_out(point) for point in points], page.next_cursor
-
-
-def _etag(query: TrendQuery, revision: int, stale: Stale | None) -> str:
-    asked = f"{version('preload-monitor')} {query.model_dump_json()} {stale}"
-    return f'"{revision}-{hashlib.sha256(asked.encode()).hexdigest()[:16]}"'
-
-
-def _etags(header: str) -> list[str]:
-    return [item.strip().removeprefix("W/") for item in header.split(",")]
 
 
 class HistoryOut(BaseModel):

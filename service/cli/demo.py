@@ -13,7 +13,7 @@ from monitor_core.recordings.session_hdf5 import open_session
 from service.api.alarms import AlarmOut, AlarmsOut
 from service.api.axes import AxisOut
 from service.api.jobs import JobsOut
-from service.api.trend import TrendOut, TrendPointOut
+from service.api.trend_points import TrendOut, TrendPointOut
 from service.cli.inputs.data import counted_session
 from service.cli.options import json_option
 from service.cli.output import print_json, print_line, print_table

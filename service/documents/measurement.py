@@ -19,6 +19,7 @@ from monitor_core.preload import (
     preload_from_feature,
     unexplained_scatter,
     widened,
+    widened_ends,
 )
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
@@ -30,6 +31,7 @@ from service.json_types import Json, JsonObject
 if TYPE_CHECKING:  # the command line writes documents without a database
     from service.store.intake import MeasurementRecord
     from service.store.trend.points import TrendPoint
+    from service.store.trend.shown import ShownPoint, ToldColumns
 
 
 @overload
@@ -144,14 +146,18 @@ def measurement_document(row: "MeasurementRecord", outcome: MeasurementOutcome) 
     return finite_or_null(document)
 
 
-def unexplained_of(point: "TrendPoint") -> float:
+def unexplained_of(point: "TrendPoint | ShownPoint") -> float:
     """Return the scatter that an axis has shown from session to session beyond what its calibration states [s²]."""
     if point.learnt_scatter_s2 is None or point.feature_scatter_s2 is None:
         return 0.0
-    return unexplained_scatter(point.learnt_scatter_s2, point.feature_scatter_s2)
+    return float(unexplained_scatter(point.learnt_scatter_s2, point.feature_scatter_s2))
 
 
-def interval_of(point: "TrendPoint") -> tuple[float | None, float | None]:
+#: Of an interval [N]; an open end is None.
+Ends = tuple[float | None, float | None]
+
+
+def interval_of(point: "TrendPoint | ShownPoint") -> Ends:
     """Return the coverage interval of a preload with what its axis had learnt [N]; an open end is None."""
     lower, upper = point.interval_lower_n, point.interval_upper_n
     if point.preload_n is None or point.feature_s2 is None or lower is None:
@@ -159,6 +165,26 @@ def interval_of(point: "TrendPoint") -> tuple[float | None, float | None]:
     judged = Interval(lower, math.inf if upper is None else upper, IntervalKind.COVERAGE)
     interval = widened(judged, point.preload_n, point.feature_s2, unexplained_of(point))
     return interval.lower, interval.upper if math.isfinite(interval.upper) else None
+
+
+def ends_of(told: "ToldColumns") -> tuple[Sequence[float | None], Sequence[float | None]]:
+    """Return the ends of all intervals, each as :func:`interval_of` has them."""
+    unexplained = unexplained_scatter(_numbers(told.learnt_scatter_s2), _numbers(told.feature_scatter_s2))
+    lower, preload, feature = (_numbers(column) for column in (told.interval_lower_n, told.preload_n, told.feature_s2))
+    wider = np.flatnonzero((unexplained > 0.0) & ~np.isnan(lower + preload + feature))
+    if not wider.size:
+        return told.interval_lower_n, told.interval_upper_n
+    upper = _numbers(told.interval_upper_n)
+    closed = np.where(np.isnan(upper), np.inf, upper)
+    lower[wider], upper[wider] = widened_ends(
+        (lower[wider], closed[wider]), preload[wider], feature[wider], unexplained[wider]
+    )
+    return numbers(lower), numbers(upper)
+
+
+def _numbers(column: Sequence[float | None]) -> FloatArray:
+    """Return a column as numbers; None is NaN."""
+    return np.array(column, dtype=np.float64)
 
 
 def charted(point: "TrendPoint") -> bool:

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from datetime import datetime
+from typing import NamedTuple
 
-from sqlalchemy import Text, bindparam, cast, func, select
+from sqlalchemy import Connection, Text, bindparam, cast, func, select
 from sqlalchemy.orm import Session, defer
 
 from monitor_core.trend import TrendStatus
@@ -11,6 +12,7 @@ from service.errors import UnknownResourceError
 from service.json_types import JsonObject
 from service.store.tables import AxisRow, CountsByReason, MaintenanceRow
 
+_KEY = select(AxisRow.number, AxisRow.revision).where(AxisRow.id == bindparam("axis_id"))
 _AXIS = select(AxisRow).where(AxisRow.id == bindparam("axis_id"))
 #: What is stored of an axis as documents: its configuration, the state and the limits of its charts.
 _DOCUMENTS = (AxisRow.configuration, AxisRow.monitor_state, AxisRow.detector_design)
@@ -90,12 +92,19 @@ def silences(session: Session) -> list[tuple[datetime, float]]:
     return [(last_at, hours) for last_at, hours in session.execute(heard) if hours is not None]
 
 
-def revision_of(session: Session, axis_id: str) -> int:
-    """Return how often the row of an axis was changed: with every measurement that was judged, for one."""
-    revision = session.scalar(select(AxisRow.revision).where(AxisRow.id == axis_id))
-    if revision is None:
+class AxisKey(NamedTuple):
+    """What the trend of an axis is found by, and told apart from what it was before."""
+
+    number: int
+    revision: int  # how often its row was changed: with every measurement that was judged, for one
+
+
+def key_of(connection: Session | Connection, axis_id: str) -> AxisKey:
+    """Return the key of an axis or say that there is none of that name."""
+    row = connection.execute(_KEY, {"axis_id": axis_id}).one_or_none()
+    if row is None:
         raise no_axis(axis_id)
-    return revision
+    return AxisKey._make(row)
 
 
 def names(session: Session) -> dict[str, str]:

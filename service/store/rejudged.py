@@ -8,6 +8,7 @@ from sqlalchemy import (
     ColumnElement,
     Connection,
     and_,
+    bindparam,
     delete,
     func,
     insert,
@@ -21,7 +22,7 @@ from sqlalchemy.orm import Session
 
 from service.json_types import JsonObject
 from service.store.intake import MeasurementRecord
-from service.store.jobs import UNFINISHED, unfinished_jobs
+from service.store.jobs import UNFINISHED
 from service.store.tables import PLACE, AxisRow, JobRow, MeasurementRow, RejudgedRow, WindowRow
 from service.store.trend.points import Cursor, Span
 from service.store.waveforms import WaveformPlace
@@ -31,6 +32,9 @@ KIND = "rejudgement"
 _STAGED, _JOBS, _AXES, _MEASUREMENTS = (
     mapped.metadata.tables[mapped.__tablename__] for mapped in (RejudgedRow, JobRow, AxisRow, MeasurementRow)
 )
+#: Built once: to build it takes longer than to run it.
+_UNFINISHED = select(_JOBS.c.id, _JOBS.c.axis_id, _JOBS.c.arguments).where(UNFINISHED, _JOBS.c.kind == KIND)
+_UNFINISHED_OF_AXIS = _UNFINISHED.where(_JOBS.c.axis_id == bindparam("axis_id")).order_by(_JOBS.c.created_at)
 _MEASUREMENT = [_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__]
 
 
@@ -66,14 +70,15 @@ class Stale:
     calibration: int
 
 
-def stale_axes(session: Session, axis_id: str | None = None) -> dict[str, Stale]:
+def stale_axes(connection: Session | Connection, axis_id: str | None = None) -> dict[str, Stale]:
     """Return the axes whose values are about to be replaced, all or one of them; dry runs replace nothing."""
+    rows = connection.execute(_UNFINISHED if axis_id is None else _UNFINISHED_OF_AXIS, {"axis_id": axis_id})
     return {
-        row.axis_id: Stale(row.id, calibration)
-        for row in unfinished_jobs(session, KIND, axis_id)
-        if row.axis_id is not None
-        and not row.arguments.get("dry_run")
-        and isinstance(calibration := row.arguments.get("calibration"), int)
+        own_axis: Stale(job, calibration)
+        for job, own_axis, arguments in rows
+        if own_axis is not None
+        and not arguments.get("dry_run")
+        and isinstance(calibration := arguments.get("calibration"), int)
     }
 
 

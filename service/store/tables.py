@@ -55,12 +55,17 @@ class UtcMicroseconds(TypeDecorator[datetime]):
 
     def process_result_value(self, value: int | None, dialect: Dialect) -> datetime | None:
         """Return the moment."""
-        return None if value is None else _EPOCH + timedelta(microseconds=value)
+        return None if value is None else moment_of(value)
 
 
 def microseconds_of(moment: datetime) -> int:
     """Return a moment as microseconds since 1970."""
     return (moment - _EPOCH) // timedelta(microseconds=1)
+
+
+def moment_of(microseconds: int) -> datetime:
+    """Return the moment so many microseconds after 1970."""
+    return _EPOCH + timedelta(0, 0, microseconds)
 
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

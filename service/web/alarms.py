@@ -22,7 +22,8 @@ from service.operations.fields import RequestModel, RowId, Text
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.history import AxisHistory
 from service.report.trend_chart import Band, LaneEvent
-from service.store.trend.points import Span, TrendPoint
+from service.store.trend.points import Span
+from service.store.trend.shown import ShownPoint
 from service.web.forms import MomentText, ShownRange, moment_of
 from service.web.site import PageOf, done
 from service.web.trend_view import MOST_SHOWN, Charts, preload_charts
@@ -127,7 +128,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
     )
 
 
-def _present(axis_id: str, on: Services) -> TrendPoint | None:
+def _present(axis_id: str, on: Services) -> ShownPoint | None:
     """Return the newest measurement that has a preload, among the newest ones."""
     newest = on.trend.page(axis_id, Span(), cursor=None, limit=_SEARCHED, newest_first=True).points
     return next((point for point in newest if point.preload_n is not None), None)

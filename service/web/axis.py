@@ -26,7 +26,8 @@ from service.operations.monitoring.trend import Only
 from service.operations.retention import count_pins
 from service.report.trend_chart import LaneEvent
 from service.store.tables import MaintenanceRow
-from service.store.trend.points import Span, TrendPoint
+from service.store.trend.points import Span
+from service.store.trend.shown import ShownPoint
 from service.web.fleet import is_trial
 from service.web.forms import RangeQuery, ShownRange, shown_range
 from service.web.site import PageOf
@@ -43,7 +44,7 @@ _MOST_ALARMS: Final = 50
 class Listed:
     """A measurement as a line of the list."""
 
-    point: TrendPoint
+    point: ShownPoint
     interval: tuple[float | None, float | None]
 
 

@@ -33,7 +33,8 @@ from service.report.trend_chart import (
     trend_chart,
 )
 from service.report.waterfall import Response as DrawnResponse, waterfall
-from service.store.trend.points import Span, TrendPoint
+from service.store.trend.points import Span
+from service.store.trend.shown import ShownPoint
 from service.web.site import PageOf
 from service.web.trend_view import Charts, or_nan, twice
 from service.web.words import Words
@@ -49,7 +50,7 @@ _BEFORE: Final = 70
 class ListedResponse:
     """A response as a line of the table."""
 
-    point: TrendPoint
+    point: ShownPoint
     largest: float
     largest_at_hz: float
 

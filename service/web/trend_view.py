@@ -28,7 +28,7 @@ from service.report.trend_chart import (
     TrendPicture,
     trend_chart,
 )
-from service.store.trend.points import TrendPoint
+from service.store.trend.shown import ShownPoint
 from service.web.forms import ShownRange
 from service.web.shown import decimal, with_interval
 from service.web.words import Words
@@ -64,7 +64,7 @@ def twice(words: Words, draw: Callable[[Size, Callable[[str], str]], Markup], wi
 
 
 def preload_charts(
-    words: Words, axis_id: str, points: Sequence[TrendPoint], shown: ShownRange, *,
+    words: Words, axis_id: str, points: Sequence[ShownPoint], shown: ShownRange, *,
     history: AxisHistory, events: Sequence[LaneEvent], level: Band | None = None,
 ) -> Charts:  # fmt: skip
     """Draw the preload with its intervals, the baseline, the line through it, and what happened to the axis.
@@ -87,8 +87,8 @@ def preload_charts(
 
 
 def low_charts(
-    words: Words, name: tuple[str, str], points: Sequence[TrendPoint], shown: ShownRange,
-    value_of: Callable[[TrendPoint], float | None], *, events: Sequence[LaneEvent] = (),
+    words: Words, name: tuple[str, str], points: Sequence[ShownPoint], shown: ShownRange,
+    value_of: Callable[[ShownPoint], float | None], *, events: Sequence[LaneEvent] = (),
 ) -> Charts:  # fmt: skip
     """Draw another quantity of the same measurements, by its title and its unit."""
 
@@ -124,12 +124,12 @@ def lane_of(
     return events
 
 
-def thinned(points: Sequence[TrendPoint], most: int) -> list[TrendPoint]:
+def thinned(points: Sequence[ShownPoint], most: int) -> list[ShownPoint]:
     """Keep so many points at most: the extremes of each stretch, and the last one, which is the present."""
     return [*thin_out(points[:-1], most - 1), *points[-1:]]
 
 
-def _mark(words: Words, axis_id: str, point: TrendPoint) -> Mark:
+def _mark(words: Words, axis_id: str, point: ShownPoint) -> Mark:
     lower, upper = interval_of(point) if point.preload_n is not None else (None, None)
     kind = "refused" if point.refusal_reason else "doubt" if point.doubts else point.state
     value, half = with_interval(words, point.preload_n, (lower, upper))

@@ -23,7 +23,7 @@ from service.api.alarms import AlarmOut
 from service.api.http import tables
 from service.api.http.tables import Column, TableQuery, columns_of, table
 from service.api.system import AuditEntryOut
-from service.api.trend import TrendPointOut
+from service.api.trend_points import TrendPointOut
 from service.clock import text_of
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, AlarmRow

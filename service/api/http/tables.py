@@ -8,7 +8,7 @@ of JSON.
 import io
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import chain
 from types import NoneType, UnionType
@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origi
 
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, Field
+from pydantic_core import to_jsonable_python
 
 from service.errors import NotAcceptableError
 from service.json_types import JsonObject
@@ -27,12 +28,11 @@ ROWS_OF_PAGE, ROWS_OF_GROUP = 1000, 20_000
 #: Text that a spreadsheet would compute, and what would be taken for it once it is marked.
 _COMPUTED = re.compile(r"'*[=+\-@\t\r]")
 #: For the description of the API: what a list is answered with besides JSON.
-TABLE_RESPONSE: JsonObject = {
-    "content": {
-        CSV_TYPE.partition(";")[0]: {"schema": {"type": "string"}},
-        PARQUET_TYPE: {"schema": {"type": "string", "contentMediaType": PARQUET_TYPE}},
-    }
+TABLE_CONTENT: JsonObject = {
+    CSV_TYPE.partition(";")[0]: {"schema": {"type": "string"}},
+    PARQUET_TYPE: {"schema": {"type": "string", "contentMediaType": PARQUET_TYPE}},
 }
+TABLE_RESPONSE: JsonObject = {"content": TABLE_CONTENT}
 
 
 class TableQuery(RequestModel):
@@ -83,7 +83,7 @@ def _is_union(annotation: object) -> bool:
 _SIMPLE = (int, float, bool, str, datetime)
 Query = TypeVar("Query", bound=TableQuery)
 #: The records of a page and where the next one begins; None: it is the last.
-Page = tuple[Sequence[BaseModel], object]
+Page = tuple[Sequence[BaseModel | Mapping[str, object]], object]
 
 
 def table(name: str, record: type[BaseModel], query: Query, read: Callable[[Query], Page]) -> StreamingResponse:
@@ -105,7 +105,7 @@ def _pages(query: Query, read: Callable[[Query], Page]) -> Iterator[list[JsonObj
     cursor: object = True
     while cursor is not None:
         records, cursor = read(query)
-        yield [record.model_dump(mode="json") for record in records]
+        yield to_jsonable_python(records)
         if not is_whole:
             return
         query = query.model_copy(update={"cursor": cursor})

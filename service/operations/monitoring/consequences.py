@@ -34,8 +34,9 @@ from service.operations.monitoring.intake.chart_state import load_design, load_s
 from service.store import axes, calibrations
 from service.store.database import Database
 from service.store.tables import AxisRow
-from service.store.trend.points import Span, newest_point, page_of_points
+from service.store.trend.points import Span, newest_point
 from service.store.trend.sessions import newest_sessions
+from service.store.trend.shown import PageOf, page_of_points
 
 #: The loss that is spoken of [N].
 LOSS_N = 20.0
@@ -135,9 +136,8 @@ class _Look:
         yield from of_silence(longer(self.stored.silent_after_hours), longer(hours), silent_now=silent_now)
 
     def _of_band(self, low: float, high: float) -> Iterator[Consequence]:
-        points = page_of_points(
-            self.session.connection(), self.row.number, Span(), after=None, limit=MOST_FREQUENCIES, newest_first=True
-        )
+        newest = PageOf(Span(), MOST_FREQUENCIES, newest_first=True)
+        points = page_of_points(self.session.connection(), self.row.number, newest)
         frequencies = [point.frequency_hz for point in points if point.frequency_hz is not None]
         n_outside = sum(not low <= frequency <= high for frequency in frequencies)
         yield from of_band(InBand(low, high, n_outside, len(frequencies), self.row.active_calibration_id is not None))

@@ -23,7 +23,8 @@ from service.operations.monitoring.stored_modes import accepted_windows
 from service.operations.monitoring.trend import MeasurementView
 from service.store import axes, calibrations, measurements
 from service.store.database import Database
-from service.store.trend.points import Span, page_of_points, point_before
+from service.store.trend.points import Span, point_before
+from service.store.trend.shown import PageOf, page_of_points
 from service.store.waveforms import WaveformStore
 
 #: Measurements of the baseline that are averaged, and how far from the place of the measurement they may be [mm].
@@ -135,9 +136,8 @@ class MeasurementEvidence:
         with self._database.read() as session:
             number, at = axes.get_axis(session, self.axis_id).number, self.view.row.started_at
             previous = point_before(session.connection(), number, at)
-            following = page_of_points(
-                session.connection(), number, Span(at), after=(at, self.view.row.id), limit=1, newest_first=False
-            )
+            after = PageOf(Span(at), 1, after=(at, self.view.row.id))
+            following = page_of_points(session.connection(), number, after)
         return None if previous is None else previous.measurement_id, following[0].measurement_id if following else None
 
     @cached_property

@@ -7,16 +7,16 @@ from operator import attrgetter
 
 from sqlalchemy import Connection
 
-from service.store.tables import microseconds_of
-from service.store.trend.points import Span, TrendPoint, page_of_points, points_at
+from service.store.trend.points import Span
 from service.store.trend.rollups import DAY, HOUR, Extremes, begin_of, extremes_held, number_held
+from service.store.trend.shown import PageOf, ShownPoint, page_of_points, points_at
 
 _LOWEST, _HIGHEST = attrgetter("lowest_n", "lowest_at"), attrgetter("highest_n")
 #: So many measurements, or hours, are read for each point that is wanted at most.
 READ_PER_POINT = 4
 
 
-def extremes(connection: Connection, axis_number: int, span: Span, resolution: int) -> list[TrendPoint]:
+def extremes(connection: Connection, axis_number: int, span: Span, resolution: int) -> list[ShownPoint]:
     """Return the lowest and the highest preload of each of so many stretches of a span, in time order.
 
     Extremes are kept because a reader looks for them; a mean would hide the low value that matters. A stretch without
@@ -25,14 +25,14 @@ def extremes(connection: Connection, axis_number: int, span: Span, resolution: i
     n_measurements, n_hours = number_held(connection, axis_number, span)
     most = READ_PER_POINT * resolution
     if n_measurements <= most:
-        points = page_of_points(connection, axis_number, span, after=None, limit=most + 1, newest_first=False)
+        points = page_of_points(connection, axis_number, PageOf(span, most + 1))
         return thin_out(points, resolution)
     units = [HOUR] if n_hours <= most else [DAY, HOUR]
     held = _held(connection, axis_number, span, units)
     return points_at(connection, axis_number, _extremes_of(held, max(resolution // 2, 1)))
 
 
-def thin_out(points: Sequence[TrendPoint], most: int) -> list[TrendPoint]:
+def thin_out(points: Sequence[ShownPoint], most: int) -> list[ShownPoint]:
     """Keep so many points at most, as :func:`extremes` does."""
     if len(points) <= most:
         return list(points)
@@ -46,7 +46,7 @@ def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[
     if span.start is not None and span.end is not None and span.start >= span.end:
         return []
     if not units:
-        points = page_of_points(connection, axis_number, span, after=None, limit=10**6, newest_first=False)
+        points = page_of_points(connection, axis_number, PageOf(span, 10**6))
         return [_extremes_at(point) for point in points]
     unit, smaller = units[0], units[1:]
     begin = None if span.start is None else begin_of(span.start + unit - timedelta(microseconds=1), unit)
@@ -73,7 +73,6 @@ def _extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
     return moments
 
 
-def _extremes_at(point: TrendPoint) -> Extremes:
-    at = microseconds_of(point.at)
-    valued = None if point.preload_n is None else at
-    return Extremes(at, point.preload_n, valued, point.preload_n, valued)
+def _extremes_at(point: ShownPoint) -> Extremes:
+    valued = None if point.preload_n is None else point.at_us
+    return Extremes(point.at_us, point.preload_n, valued, point.preload_n, valued)

@@ -17,7 +17,8 @@ from service.operations.monitoring.axis_configuration import sisters_of
 from service.operations.monitoring.extremes import extremes
 from service.store import alarms, axes, measurements
 from service.store.database import Database
-from service.store.trend.points import Span, TrendPoint, page_of_points
+from service.store.trend.points import Span
+from service.store.trend.shown import PageOf, ShownPoint, page_of_points
 
 #: Responses of a picture, from as many stretches of the time.
 MOST_SPECTRA: Final = 26
@@ -47,7 +48,7 @@ _RESPONSE: Final = TypeAdapter(_Response)
 class Spectrum:
     """The size of the response of one measurement; shape (n_frequencies,)."""
 
-    point: TrendPoint
+    point: ShownPoint
     frequency: FloatArray  # [Hz]
     magnitude: FloatArray  # in the unit of the response
 
@@ -59,7 +60,7 @@ class Sister:
     id: str
     name: str
     state: str
-    points: list[TrendPoint]
+    points: list[ShownPoint]
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +112,7 @@ def projection_of(database: Database, axis_id: str) -> ProjectedPreload | None:
         newest = alarms.list_alarms(session, axis_id=axis_id, status=None, before_id=None, limit=1)
         standing = newest and newest[0].status in alarms.OPEN
         span = Span(read_evidence(newest[0].evidence).onset if standing else None)
-        points = page_of_points(session.connection(), row.number, span, after=None, limit=_LOOKED_AT, newest_first=True)
+        points = page_of_points(session.connection(), row.number, PageOf(span, _LOOKED_AT, newest_first=True))
     judged = [
         point for point in points
         if point.preload_n is not None and point.set_preload_n is None and not point.doubts
@@ -119,7 +120,7 @@ def projection_of(database: Database, axis_id: str) -> ProjectedPreload | None:
     return _projected(judged[::-1] if standing else judged[:_NEWEST][::-1])
 
 
-def _alike(points: Sequence[TrendPoint]) -> list[TrendPoint]:
+def _alike(points: Sequence[ShownPoint]) -> list[ShownPoint]:
     if not points:
         return []
     usual = float(np.median([point.position_mm for point in points]))
@@ -128,14 +129,14 @@ def _alike(points: Sequence[TrendPoint]) -> list[TrendPoint]:
     return [min(stretch, key=lambda point: abs(point.position_mm - usual)) for stretch in stretches]
 
 
-def _spectrum(point: TrendPoint, document: object) -> Spectrum:
+def _spectrum(point: ShownPoint, document: object) -> Spectrum:
     response = _RESPONSE.validate_python(document)
     real = np.array(response.real, dtype=np.float64)
     imaginary = np.array(response.imaginary, dtype=np.float64)
     return Spectrum(point, np.array(response.frequency_hz), np.hypot(real, imaginary))
 
 
-def _projected(points: Sequence[TrendPoint]) -> ProjectedPreload | None:
+def _projected(points: Sequence[ShownPoint]) -> ProjectedPreload | None:
     if not points:
         return None
     first, last = points[0].at, points[-1].at

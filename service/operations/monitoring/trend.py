@@ -16,20 +16,19 @@ from service.operations.monitoring.axis_configuration import AxisConfiguration, 
 from service.operations.monitoring.extremes import extremes
 from service.operations.monitoring.intake.chart_state import load_design, load_state, state_now
 from service.store import alarms, axes, measurements
-from service.store.database import Database, document_of
+from service.store.database import Database, document_of, reading
 from service.store.intake import outcomes_of
 from service.store.rejudged import Stale, stale_axes
 from service.store.retention import LetGo, let_go
-from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
+from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, moment_of
 from service.store.trend.points import (
     Cursor,
     Span,
-    TrendPoint,
     last_points,
-    page_of_points,
     point_of,
     preloads,
 )
+from service.store.trend.shown import PageOf, ShownPoint, ToldColumns, page_of_columns, page_of_points
 
 #: Which measurements a page of the trend is asked for.
 Only = Literal["refused", "in-doubt"]
@@ -135,8 +134,24 @@ class Fleet:
 class TrendPage:
     """A page of the trend."""
 
-    points: list[TrendPoint]
+    points: list[ShownPoint]
     next_cursor: str | None
+    revision: int  # of the axis when it was read
+    stale: Stale | None  # what it says is about to be replaced
+
+    def told(self) -> "ToldPage":
+        """Return it as columns."""
+        return ToldPage(ToldColumns.of(self.points), self.next_cursor, self.revision, self.stale)
+
+
+@dataclass(frozen=True, slots=True)
+class ToldPage:
+    """A page of the trend as columns."""
+
+    columns: ToldColumns
+    next_cursor: str | None
+    revision: int
+    stale: Stale | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,9 +216,8 @@ class Trend:
         outdated = [row for row in rows if self._newest.get(row.id, (-1,))[0] != row.revision]
         with self._database.read() as session:
             for row in outdated:
-                points = page_of_points(
-                    session.connection(), row.number, Span(), after=None, limit=most, newest_first=True
-                )
+                asked = PageOf(Span(), most, newest_first=True)
+                points = page_of_points(session.connection(), row.number, asked)
                 newest = [point.preload_n for point in reversed(points) if point.preload_n is not None]
                 self._newest[row.id] = row.revision, newest
         return {row.id: self._newest[row.id][1] for row in rows}
@@ -232,8 +246,8 @@ class Trend:
 
     def revision(self, axis_id: str) -> tuple[int, Stale | None]:
         """Return a number that changes whenever the trend of an axis does, and what is about to replace it."""
-        with self._database.read() as session:
-            return axes.revision_of(session, axis_id), stale_axes(session, axis_id).get(axis_id)
+        with self._database.connect() as connection, reading(connection):
+            return axes.key_of(connection, axis_id).revision, stale_axes(connection, axis_id).get(axis_id)
 
     def names(self) -> dict[str, str]:
         """Return what each axis is called."""
@@ -261,22 +275,35 @@ class Trend:
         """
         after = None if cursor is None else _decode_cursor(cursor)
         most = limit if only is None else max(limit, LOOKED_AT)
-        with self._database.read() as session:
-            number = axes.get_axis(session, axis_id).number
-            points = page_of_points(
-                session.connection(), number, span, after=after, limit=most + 1, newest_first=newest_first
-            )
+        with self._database.connect() as connection, reading(connection):
+            number, revision = axes.key_of(connection, axis_id)
+            points = page_of_points(connection, number, PageOf(span, most + 1, after, newest_first))
+            stale = stale_axes(connection, axis_id).get(axis_id)
         looked = points[:most]
-        meant = [point for point in looked if _is_meant(point, only)]
-        if len(meant) > limit:
-            return TrendPage(meant[:limit], _encode_cursor(meant[limit - 1]))
-        return TrendPage(meant, _encode_cursor(looked[-1]) if len(points) > most else None)
+        meant = looked if only is None else [point for point in looked if _is_meant(point, only)]
+        last = meant[limit - 1] if len(meant) > limit else looked[-1] if len(points) > most else None
+        return TrendPage(
+            meant[:limit], None if last is None else _encode_cursor(last.at_us, last.measurement_id), revision, stale
+        )
+
+    def told(self, axis_id: str, span: Span, *, cursor: str | None, limit: int, newest_first: bool) -> ToldPage:
+        """Return measurements as :meth:`page` does, as columns."""
+        asked = PageOf(span, limit + 1, None if cursor is None else _decode_cursor(cursor), newest_first)
+        with self._database.connect() as connection, reading(connection):
+            number, revision = axes.key_of(connection, axis_id)
+            columns = page_of_columns(connection, number, asked)
+            stale = stale_axes(connection, axis_id).get(axis_id)
+        if len(columns.at_us) <= limit:
+            return ToldPage(columns, None, revision, stale)
+        columns = ToldColumns._make(column[:limit] for column in columns)
+        return ToldPage(columns, _encode_cursor(columns.at_us[-1], columns.measurement_id[-1]), revision, stale)
 
     def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage:
         """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload."""
-        with self._database.read() as session:
-            number = axes.get_axis(session, axis_id).number
-            return TrendPage(extremes(session.connection(), number, span, resolution), None)
+        with self._database.connect() as connection, reading(connection):
+            number, revision = axes.key_of(connection, axis_id)
+            points = extremes(connection, number, span, resolution)
+            return TrendPage(points, None, revision, stale_axes(connection, axis_id).get(axis_id))
 
     def measurement(self, axis_id: str, measurement_id: int) -> MeasurementView:
         """Return one measurement with its windows."""
@@ -313,14 +340,12 @@ class Trend:
         return AxisStatus(row, read[1], state_shown, since, last_measurement, open_alarms, stale)
 
 
-def _is_meant(point: TrendPoint, only: Only | None) -> bool:
-    if only is None:
-        return True
+def _is_meant(point: ShownPoint, only: Only) -> bool:
     return point.refusal_reason is not None if only == "refused" else bool(point.doubts)
 
 
-def _encode_cursor(point: TrendPoint) -> str:
-    return base64.urlsafe_b64encode(f"{text_of(point.at)}|{point.measurement_id}".encode()).decode()
+def _encode_cursor(at_us: int, measurement_id: int) -> str:
+    return base64.urlsafe_b64encode(f"{text_of(moment_of(at_us))}|{measurement_id}".encode()).decode()
 
 
 def _decode_cursor(cursor: str) -> Cursor:

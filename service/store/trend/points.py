@@ -1,25 +1,17 @@
 """Read and write the points of the trend, in the order of their time."""
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import (
-    ARRAY,
-    BigInteger,
     ColumnElement,
     Connection,
     and_,
-    any_,
-    bindparam,
     delete,
     func,
     insert,
-    literal,
     select,
-    tuple_,
-    type_coerce,
     update,
 )
 
@@ -62,8 +54,13 @@ class TrendPoint:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What speaks against its preload: of its own, and of its session."""
-        of_session = None if self.places_disagree is None else str(DoubtReason.PLACES_DISAGREE)
-        return tuple(reason for reason in (self.doubt, of_session) if reason is not None)
+        return doubts_of(self.doubt, self.places_disagree)
+
+
+def doubts_of(own: str | None, places_disagree: str | None) -> tuple[str, ...]:
+    """Return what speaks against a preload: of its own, and of its session."""
+    of_session = None if places_disagree is None else str(DoubtReason.PLACES_DISAGREE)
+    return tuple(reason for reason in (own, of_session) if reason is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,20 +77,10 @@ Cursor = tuple[datetime, int]
 
 _POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
 _COLUMNS = [_POINTS.c[name] for name in TrendPoint.__slots__]
-_KEY = tuple_(_POINTS.c.at, _POINTS.c.measurement_id)
 #: Why a measurement moved no chart that came when they could not be folded again from before it.
 TOO_LATE = "too-late"
 _IN_TIME = _POINTS.c.uncharted.is_distinct_from(TOO_LATE)
 _ADD = insert(_POINTS)
-_OF_AXIS = (
-    select(*_COLUMNS).where(_POINTS.c.axis_number == bindparam("axis")).order_by(_POINTS.c.at, _POINTS.c.measurement_id)
-)
-_MOMENT = type_coerce(_POINTS.c.at, BigInteger)
-#: One parameter for all moments, which SQLite takes as a text in JSON: with one each, to write them out takes longest.
-_AT_MOMENTS = {
-    "postgresql": _OF_AXIS.where(any_(bindparam("moments", type_=ARRAY(BigInteger))) == _MOMENT),
-    "sqlite": _OF_AXIS.where(_MOMENT.in_(select(func.json_each(bindparam("moments")).table_valued("value").c.value))),
-}
 
 
 def add_point(connection: Connection, point: TrendPoint) -> None:
@@ -181,18 +168,6 @@ def newest_point(connection: Connection, axis_number: int) -> TrendPoint | None:
     return None if row is None else TrendPoint(*row)
 
 
-def page_of_points(
-    connection: Connection, axis_number: int, span: Span, *, after: Cursor | None, limit: int, newest_first: bool
-) -> list[TrendPoint]:
-    """Return points in time order, or newest first, beyond a cursor."""
-    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, *_within(span))
-    if after is not None:  # a row value, which the key of the table answers; an OR would pass all that came before
-        query = query.where(_key(after) > _KEY if newest_first else _key(after) < _KEY)
-    order = (_POINTS.c.at, _POINTS.c.measurement_id)
-    ordered = query.order_by(*(column.desc() for column in order)) if newest_first else query.order_by(*order)
-    return [TrendPoint(*row) for row in connection.execute(ordered.limit(limit))]
-
-
 def points_within(connection: Connection, axis_number: int, span: Span) -> list[TrendPoint]:
     """Return all points of a span, in time order."""
     query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, *_within(span))
@@ -205,14 +180,6 @@ def count_uncharted(connection: Connection, axis_number: int) -> dict[str, int]:
         _POINTS.c.axis_number == axis_number, _POINTS.c.uncharted.is_not(None)
     )
     return {row.uncharted: row.number for row in connection.execute(query.group_by(_POINTS.c.uncharted))}
-
-
-def points_at(connection: Connection, axis_number: int, moments: Iterable[int]) -> list[TrendPoint]:
-    """Return the points at these moments, in microseconds since 1970, in time order."""
-    database = connection.dialect.name
-    listed = sorted(moments)
-    values: dict[str, object] = {"axis": axis_number, "moments": json.dumps(listed) if database == "sqlite" else listed}
-    return [TrendPoint(*row) for row in connection.execute(_AT_MOMENTS[database], values)]
 
 
 def last_points(connection: Connection) -> dict[int, TrendPoint]:
@@ -243,10 +210,6 @@ def preloads(
     query = select(nearest.c.at, nearest.c.preload_n).where(nearest.c.epoch == epoch, nearest.c.preload_n.is_not(None))
     chosen = connection.execute(query.order_by(nearest.c.at.desc() if newest else nearest.c.at).limit(limit))
     return [preload for _, preload in sorted((at, preload) for at, preload in chosen)]
-
-
-def _key(cursor: Cursor) -> ColumnElement[tuple[datetime, int]]:
-    return tuple_(literal(cursor[0], _POINTS.c.at.type), literal(cursor[1]))
 
 
 def _within(span: Span) -> list[ColumnElement[bool]]:
