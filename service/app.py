@@ -233,14 +233,15 @@ def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, li
 
 
 def _senders(receivers: Receivers, source: str) -> "list[Sender]":
-    if not (receivers.webhook or receivers.mail or receivers.mqtt):
-        return []
-    from service.operations.notices.senders import MailSender, WebhookSender  # noqa: PLC0415  # brings an HTTP client
+    senders: list[Sender] = []
+    if receivers.webhook:
+        from service.operations.notices.webhook import WebhookSender  # noqa: PLC0415  # brings an HTTP client
 
-    senders: list[Sender] = [
-        *(WebhookSender(webhook, source) for webhook in receivers.webhook),
-        *(MailSender(mail, source) for mail in receivers.mail),
-    ]
+        senders += [WebhookSender(webhook, source) for webhook in receivers.webhook]
+    if receivers.mail:
+        from service.operations.notices.mail import MailSender  # noqa: PLC0415  # likewise
+
+        senders += [MailSender(mail, source) for mail in receivers.mail]
     if receivers.mqtt:
         from service.operations.notices.mqtt import MqttSender  # noqa: PLC0415  # an extra
 

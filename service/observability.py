@@ -60,13 +60,28 @@ class AxisReading:
     interval_95_n: tuple[float | None, float | None]
 
 
+@dataclass(frozen=True, slots=True)
+class ReceiverReading:
+    """How a receiver of notices stands, for the metrics."""
+
+    receiver: str
+    is_failing: bool
+    n_waiting: int
+
+
 class FleetGauges(Collector):
-    """How the axes and the jobs stand at this moment; read anew for each scrape."""
+    """How the axes, the jobs and the receivers stand at this moment; read anew for each scrape."""
 
     def __init__(
-        self, states: Sequence[str], axes: Sequence[AxisReading], damaged: int, jobs: Mapping[tuple[str, str], int]
+        self,
+        states: Sequence[str],
+        axes: Sequence[AxisReading],
+        damaged: int,
+        jobs: Mapping[tuple[str, str], int],
+        receivers: Sequence[ReceiverReading],
     ) -> None:
         self._states, self._axes, self._damaged, self._jobs = states, axes, damaged, jobs
+        self._receivers = receivers
 
     def collect(self) -> Iterator[Metric]:
         """Yield the gauges."""
@@ -79,6 +94,10 @@ class FleetGauges(Collector):
         for (kind, status), number in self._jobs.items():
             jobs.add_metric([kind, status], number)
         yield jobs
+        failing = {each.receiver: float(each.is_failing) for each in self._receivers}
+        yield _by("receiver", "preload_receiver_failing", "1 for a receiver that takes no notices.", failing)
+        waiting = {each.receiver: float(each.n_waiting) for each in self._receivers}
+        yield _by("receiver", "preload_receiver_waiting", "Notices that wait for a receiver.", waiting)
         shown = sorted(self._axes, key=lambda axis: axis.axis)[:MOST_AXES]
         states = GaugeMetricFamily("preload_axis_state", "1 for the state of an axis.", labels=["axis", "state"])
         for axis in shown:
@@ -98,10 +117,14 @@ class FleetGauges(Collector):
 
 
 def _of_axes(name: str, says: str, values: Mapping[str, float | None]) -> Metric:
-    gauge = GaugeMetricFamily(name, says, labels=["axis"])
-    for axis, value in values.items():
+    return _by("axis", name, says, values)
+
+
+def _by(label: str, name: str, says: str, values: Mapping[str, float | None]) -> Metric:
+    gauge = GaugeMetricFamily(name, says, labels=[label])
+    for labelled, value in values.items():
         if value is not None:
-            gauge.add_metric([axis], value)
+            gauge.add_metric([labelled], value)
     return gauge
 
 

@@ -84,12 +84,7 @@ class Settings(BaseSettings):
 
     def is_on_loopback(self) -> bool:
         """Return whether only this machine reaches the service: a proxy lets others reach it."""
-        if self.trusted_proxies:
-            return False
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host.lower() == "localhost"
+        return not self.trusted_proxies and is_loopback(self.host)
 
     def own_names(self) -> tuple[str, ...]:
         """Return the names that this service may be asked by; it may be asked by any address."""
@@ -101,6 +96,14 @@ class Settings(BaseSettings):
             url = self.database_url.get_secret_value()
             return url if self.database_password_file is None else _with_password(url, self.database_password_file)
         return f"sqlite:///{(self.data_dir / 'preload.db').resolve()}"
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a name or an address is that of this machine itself, whose traffic nobody else sees."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
 
 
 def _with_password(url: str, file: Path) -> str:

@@ -14,7 +14,7 @@ from monitor_core.trend import TrendStatus
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
 from service.errors import BusyError, StorageError
-from service.observability import AxisReading, FleetGauges
+from service.observability import AxisReading, FleetGauges, ReceiverReading
 from service.operations.access.scopes import Scope
 from service.operations.monitoring.trend import AxisStatus
 from service.store.database import Database
@@ -71,14 +71,19 @@ def metrics(on: ServicesOf) -> Response:
     try:
         counted += _standing(on)
     except (BusyError, StorageError) as error:
-        log.warning("the metrics lack how axes and jobs stand: %s", error)
+        log.warning("the metrics lack how axes, jobs and receivers stand: %s", error)
     return Response(counted, media_type=CONTENT_TYPE_LATEST)
 
 
 def _standing(on: Services) -> bytes:
     fleet, now = on.trend.fleet(), CollectorRegistry()
     readings = [_reading(axis) for axis in fleet.axes]
-    now.register(FleetGauges([str(state) for state in TrendStatus], readings, len(fleet.damaged), on.jobs.unfinished()))
+    receivers = [
+        ReceiverReading(each.row.name, each.failing_since is not None, each.n_waiting)
+        for each in on.dispatcher.standings()
+    ]
+    states = [str(state) for state in TrendStatus]
+    now.register(FleetGauges(states, readings, len(fleet.damaged), on.jobs.unfinished(), receivers))
     return generate_latest(now)
 
 

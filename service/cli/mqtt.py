@@ -20,13 +20,9 @@ def mqtt(url: str) -> None:
     if not url.startswith(("http://", "https://")):
         raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}")
     from service.gateways.mqtt_windows import MqttSettings, WindowsGateway  # noqa: PLC0415  # an extra
-    from service.operations.notices.senders import NotTakenError  # noqa: PLC0415
 
     configure_logging("INFO")
-    try:
-        gateway = WindowsGateway(MqttSettings(), url, os.environ.get("PRELOAD_KEY"))
-    except NotTakenError as error:
-        raise click.ClickException(str(error)) from error
+    gateway = WindowsGateway(MqttSettings(), url, os.environ.get("PRELOAD_KEY"))
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())

@@ -26,6 +26,8 @@ log = logging.getLogger(__name__)
 
 #: The broker sends so many messages before the first of them is acknowledged. Each may hold many windows.
 RECEIVE_MAXIMUM = 16
+#: MQTT itself has no longer packets. What is too long for the service is taken, so that the sender is told.
+MOST_BYTES = 2**28 - 1
 #: So long a broker that keeps sessions keeps what comes while the gateway is away [s].
 SESSION_EXPIRY_S = 7 * 24 * 3600
 #: The service has so long to store a message; a connection that is silent for longer than that is lost.
@@ -67,7 +69,8 @@ class WindowsGateway:
         self._broker = broker
         headers = {"authorization": f"Bearer {key}"} if key else None
         self._http = httpx.Client(base_url=url, timeout=TIMEOUT_S, trust_env=False, headers=headers)
-        self._client = client = new_client(broker, f"preload-{broker.name}-windows", keeps_session=True)
+        name = f"preload-{broker.name}-windows"
+        self._client = client = new_client(broker, name, keeps_session=True, most_bytes=MOST_BYTES)
         client.on_connect = self._connected
         client.on_subscribe = self._subscribed
         client.on_message = self._take

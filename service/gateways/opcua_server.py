@@ -1,7 +1,6 @@
 """An OPC UA server that shows the axes of a service; it reads the service over HTTP and writes nothing to it."""
 
 import asyncio
-import ipaddress
 import logging
 from pathlib import Path
 from typing import Self
@@ -15,6 +14,7 @@ from service.gateways.opcua_login import OneUser, Sessions
 from service.gateways.opcua_nodes import SEVERITY, Nodes
 from service.gateways.opcua_reading import ServiceAwayError, read_service
 from service.operations.notices.receivers import read_secret
+from service.settings import is_loopback
 
 log = logging.getLogger(__name__)
 
@@ -45,11 +45,7 @@ class OpcuaSettings(BaseSettings):
         given = (self.certificate_file, self.private_key_file, self.username, self.password_file)
         if any(given) and not self.is_secured:
             raise ValueError("certificate_file, private_key_file, username and password_file are given together")
-        try:
-            on_loopback = ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            on_loopback = self.host == "localhost"
-        if not on_loopback and not self.is_secured:
+        if not is_loopback(self.host) and not self.is_secured:
             raise ValueError("beyond loopback it needs certificate_file, private_key_file, username and password_file")
         return self
 

@@ -208,7 +208,7 @@ def test_every_reason_and_every_state_has_a_row():
 
 
 def test_every_metric_is_listed():
-    now = FleetGauges((), (), 0, {}).collect()
+    now = FleetGauges((), (), 0, {}, ()).collect()
     families = {metric.name: metric.type for metric in (*Metrics().registry.collect(), *now)}
     names = {name + ("_total" if kind == "counter" else "") for name, kind in families.items()}
     assert names <= first_cells(text_of("how-to/supervise.md"))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import queue
 import re
 import shutil
 import ssl
@@ -10,7 +11,7 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ import httpx
 import pytest
 import yaml
 from jsonschema import Draft7Validator
+from paho.mqtt import client as paho
+from paho.mqtt.enums import CallbackAPIVersion
 from sqlalchemy import create_engine, make_url, text
 
 from service.errors import DataFolderError
@@ -234,35 +237,110 @@ def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_pat
             assert got.status_code == 200, got.text
 
 
-def test_the_broker_lets_in_who_has_a_password(tmp_path: Path) -> None:
+@contextmanager
+def broker(folder: Path, users: Iterable[str]) -> Iterator[int]:
+    """Run the broker as its container does, for users whose password is their name; yield the port."""
     mosquitto, maker = (
         shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin"),
         shutil.which("mosquitto_passwd"),
     )
     if mosquitto is None or maker is None:
         pytest.skip("mosquitto is not installed")
-    port, log, passwords = free_port(), tmp_path / "log", tmp_path / "passwords"
+    port, log, passwords = free_port(), folder / "log", folder / "passwords"
     passwords.touch(0o600)
-    subprocess.run([maker, "-b", str(passwords), "line", "secret"], check=True)
+    for user in users:
+        subprocess.run([maker, "-b", str(passwords), user, user], check=True)
+    rights = folder / "rights"
+    rights.write_text((DEPLOY / "mosquitto.acl").read_text(encoding="utf-8"), encoding="utf-8")
+    rights.chmod(0o600)
     written = (DEPLOY / "mosquitto.conf").read_text(encoding="utf-8")
-    for there, here in {"listener 1883": f"listener {port} 127.0.0.1", "/mosquitto/data/": f"{tmp_path}/",
-                        "/run/secrets/mosquitto_passwords": str(passwords)}.items():  # fmt: skip
+    mounted = {config["target"] for config in SERVICES["broker"]["configs"]}
+    assert {"/mosquitto/config/mosquitto.conf", "/mosquitto/config/mosquitto.acl"} == mounted
+    for there, here in {"listener 1883": f"listener {port} 127.0.0.1", "/mosquitto/data/": f"{folder}/",
+                        "/run/secrets/mosquitto_passwords": str(passwords),
+                        "/mosquitto/config/mosquitto.acl": str(rights)}.items():  # fmt: skip
         assert there in written
         written = written.replace(there, here)
     if os.geteuid() == 0:  # it would go on as a user who may not open what is here
         written += "\nuser root\n"
-    configuration = tmp_path / "mosquitto.conf"
+    configuration = folder / "mosquitto.conf"
     configuration.write_text(written, encoding="utf-8")
     command = [mosquitto, "-c", str(configuration)]
     assert SERVICES["broker"]["command"][1:2] == command[1:2]
     with running(command, {}, log):
         wait_until(lambda: b"running" in log.read_bytes(), log)
+        yield port
+
+
+def test_the_broker_lets_in_who_has_a_password(tmp_path: Path) -> None:
+    with broker(tmp_path, ["line"]) as port:
         assert not may_publish(port, None)
         assert not may_publish(port, {"username": "line", "password": "wrong"})
-        assert may_publish(port, {"username": "line", "password": "secret"})
+        assert may_publish(port, {"username": "line", "password": "line"})
 
 
 def may_publish(port: int, login: dict[str, str] | None) -> bool:
     """Publish in a process of its own: it ends by an exception where the broker refuses."""
     script = f"import paho.mqtt.publish as p; p.single('axis', 'x', qos=1, port={port}, auth={login!r})"
     return subprocess.run([sys.executable, "-c", script], capture_output=True, check=False).returncode == 0
+
+
+#: Who each row of the table is at the broker of the file; the data acquisition has a user for each axis.
+USERS = {"service": ["preload"], "gateway": ["gateway"], "data acquisition": ["mill", "saw"],
+         "whoever is told": ["reader"]}  # fmt: skip
+
+
+def rights_as_documented() -> dict[str, tuple[list[str], list[str]]]:
+    """Return what each user may write and read, as the table says."""
+    page = (PROJECT_ROOT / "docs" / "how-to" / "mqtt.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([a-z ]+) \| (.*) ?\| (.*) \|$", page.partition("## Rights at the broker")[2], re.MULTILINE)
+    rights = {}
+    for who, *cells in rows[1:]:
+        for user in USERS[who]:
+            own = [cell.replace("NAME", "plant").replace("AXIS", user).replace("ITS-OWN", user) for cell in cells]
+            rights[user] = (re.findall("`(.*?)`", own[0]), re.findall("`(.*?)`", own[1]))
+    return rights
+
+
+class AtBroker:
+    """A user who subscribes to everything, and is told whether a message was taken."""
+
+    def __init__(self, user: str, port: int) -> None:
+        self.heard: set[str] = set()
+        self._answers: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._client = paho.Client(CallbackAPIVersion.VERSION2, protocol=paho.MQTTv5)
+        self._client.username_pw_set(user, user)
+        self._client.on_message = lambda *said: self.heard.add(said[2].topic)
+        self._client.on_publish = lambda *said: self._answers.put(not said[3].is_failure)
+        self._client.on_subscribe = lambda *said: self._answers.put(True)
+        self._client.connect("127.0.0.1", port)
+        self._client.loop_start()
+        self._client.subscribe("#", qos=1)
+        assert self._answers.get(timeout=30.0)
+
+    def may_write(self, topic: str) -> bool:
+        self._client.publish(topic, b"x", qos=1)
+        return self._answers.get(timeout=30.0)
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+def test_the_broker_gives_the_rights_of_the_table(tmp_path: Path) -> None:
+    rights = rights_as_documented()
+    assert set(rights) == {user for users in USERS.values() for user in users}
+    stated = {pattern for cells in rights.values() for cell in cells for pattern in cell}
+    topics = {pattern.replace("+", "mill").replace("#", "call") for pattern in stated} | {"preload/other/status"}
+
+    def allowed(patterns: list[str]) -> set[str]:
+        return {topic for topic in topics if any(paho.topic_matches_sub(pattern, topic) for pattern in patterns)}
+
+    with broker(tmp_path, rights) as port:
+        clients = {user: AtBroker(user, port) for user in rights}
+        for user, client in clients.items():
+            assert {topic for topic in topics if client.may_write(topic)} == allowed(rights[user][0]), user
+        for user, client in clients.items():
+            wait_until(lambda client=client, user=user: client.heard >= allowed(rights[user][1]), tmp_path / "log")
+            client.close()
+            assert client.heard == allowed(rights[user][1]), user

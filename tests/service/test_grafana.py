@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft7Validator
 
-from service.observability import AxisReading, FleetGauges
+from service.observability import AxisReading, FleetGauges, ReceiverReading
 from tests.conftest import PROJECT_ROOT
 from tests.service.conftest import START, Api, simulated_measurement
 
@@ -93,10 +93,11 @@ def test_prometheus_reads_every_question(tmp_path: Path) -> None:
 
 def test_a_large_fleet_has_bounded_metrics() -> None:
     axes = [AxisReading(f"{i:05}", "normal", 0, START, 300.0, (290.0, None)) for i in range(5000)]
-    found = {
-        metric.name: metric.samples for metric in FleetGauges(["normal"], axes, 1, {("replay", "queued"): 3}).collect()
-    }
+    receivers = [ReceiverReading("desk", True, 3)]
+    gauges = FleetGauges(["normal"], axes, 1, {("replay", "queued"): 3}, receivers)
+    found = {metric.name: metric.samples for metric in gauges.collect()}
     assert found["preload_axes"][0].value == 5000
     assert max(len(samples) for samples in found.values()) == 2000
     assert found["preload_axis_upper_newtons"] == []  # an open end is none, not a number
     assert found["preload_jobs"][0].labels == {"kind": "replay", "status": "queued"}
+    assert found["preload_receiver_waiting"][0].value == 3

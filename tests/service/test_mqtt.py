@@ -238,7 +238,6 @@ def test_no_answer_of_a_broker_is_a_sentence(protocol: str) -> None:
 
 
 @needs_mosquitto
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # paho leaves a socket that failed
 def test_a_password_and_tls_are_used(tmp_path: Path) -> None:
     certificate(tmp_path)
     (tmp_path / "password").write_text("wrong\n")

@@ -25,7 +25,8 @@ from service.observability import Metrics
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import GIVEN_UP_AFTER, Dispatcher
 from service.operations.notices.receivers import read_receivers
-from service.operations.notices.senders import NotTakenError, WebhookSender, signature
+from service.operations.notices.senders import NotTakenError
+from service.operations.notices.webhook import WebhookSender, signature
 from service.store import notices
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, NoticeRow, ReceiverRow

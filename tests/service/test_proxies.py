@@ -41,6 +41,16 @@ def test_behind_a_proxy_loopback_is_not_open(tmp_path: Path) -> None:
         assert api.http.get("/healthz").status_code == 200
 
 
+def test_browsers_ask_by_tls_again_and_keep_no_answer(tmp_path: Path) -> None:
+    with running_service(tmp_path, trusted_proxies="127.0.0.1") as api:
+        paths = ("/v1/axes", "/healthz", "/login", "/nowhere", "/static/site.css")
+        by_tls = [api.http.get(path, headers=FORWARDED).headers for path in paths]
+        plain = [api.http.get(path).headers for path in paths]
+    assert {headers["strict-transport-security"] for headers in by_tls} == {"max-age=31536000"}
+    assert not any("strict-transport-security" in headers for headers in plain)
+    assert [headers.get("cache-control") for headers in by_tls] == ["no-store"] * 4 + [None]
+
+
 @pytest.mark.parametrize("names", ["proxy", "10.0.0.1,*", "10.0.0.1/8"])
 def test_proxies_are_addresses(names: str) -> None:
     with pytest.raises(ValueError, match="expected addresses or networks"):

@@ -24,6 +24,11 @@ _HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "same-origin",
 }
+#: And of all but the files of the pages: keep no copy, who reads the disk later may not have been let in.
+_NOT_KEPT = {"Cache-Control": "no-store"}
+#: Behind TLS: ask by nothing else for a year, whoever answers then.
+_BY_TLS_ONLY = {"Strict-Transport-Security": "max-age=31536000"}
+_FILES = "/static/"
 INTERNAL_ERROR = "the service failed on this request; its log says why, under the id of the request"
 
 
@@ -45,6 +50,7 @@ class RequestObserver:
         request_id = Headers(scope=scope).get("x-request-id", "")[:64] or uuid.uuid4().hex
         scope.setdefault("state", {})["request_id"] = request_id
         status: int | None = None  # until an answer begins
+        stated = _headers(scope)
 
         async def send_named(message: Message) -> None:
             nonlocal status
@@ -52,7 +58,7 @@ class RequestObserver:
                 status = message["status"]
                 headers = MutableHeaders(scope=message)
                 headers["X-Request-ID"] = request_id
-                for name, value in _HEADERS.items():
+                for name, value in stated.items():
                     headers.setdefault(name, value)
             await send(message)
 
@@ -76,3 +82,10 @@ class RequestObserver:
             "%s %s %d", method, route, status,
             extra={"members": {"request_id": request_id, "seconds": round(elapsed, 6)}},
         )  # fmt: skip
+
+
+def _headers(scope: Scope) -> dict[str, str]:
+    """Return what browsers are told of the answer to a request."""
+    kept = scope["path"].startswith(_FILES)
+    by_tls = scope["scheme"] == "https"  # a trusted proxy says so
+    return _HEADERS | ({} if kept else _NOT_KEPT) | (_BY_TLS_ONLY if by_tls else {})

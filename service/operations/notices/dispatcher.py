@@ -42,6 +42,13 @@ class Standing:
     n_waiting: int
     dead_letters: list[DeadLetterRow]
 
+    @property
+    def failing_since(self) -> datetime | None:
+        """Since when it takes nothing: a notice that was given up does not make it well, one that it takes does."""
+        told = self.row.last_told_at
+        given_up = [letter.at for letter in self.dead_letters if told is None or letter.at > told]
+        return min((*given_up, *filter(None, [self.row.failing_since])), default=None)
+
 
 class Dispatcher:
     """Runs one thread for each receiver: one that is slow or down keeps no other waiting."""

@@ -2,16 +2,17 @@
 
 import json
 import queue
-import ssl
+import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
+from preload_client.exchange import connect, exchange
 from service.errors import DataFolderError
-from service.operations.notices.receivers import Broker, read_secret
-from service.operations.notices.senders import CLOUD_EVENT_TYPE, TIMEOUT_S, NotTakenError, cloud_event
+from service.operations.notices.receivers import Broker, read_secret, whom_to_believe
+from service.operations.notices.senders import CLOUD_EVENT_TYPE, MOST_BYTES, TIMEOUT_S, NotTakenError, cloud_event
 from service.store.tables import NoticeRow
 
 try:
@@ -55,12 +56,34 @@ class Message:
         return properties
 
 
-def new_client(broker: Broker, client_id: str, *, keeps_session: bool = False) -> paho.Client:
+class BoundedClient(paho.Client):
+    """A client that begins its connection within an exchange, and takes no packet that is longer than it states."""
+
+    refusal: str | None = None  # of what came
+
+    def __init__(self, most_bytes: int, *arguments: Any, **more: Any) -> None:  # noqa: ANN401 - the library's
+        super().__init__(*arguments, **more)
+        self.most_bytes = most_bytes
+
+    def _create_socket_connection(self) -> socket.socket:
+        return connect(self._host, self._port)
+
+    def _sock_recv(self, bufsize: int) -> bytes:
+        if bufsize > self.most_bytes:  # what is missing of a packet
+            self.refusal = f"the broker sends a packet that is longer than {self.most_bytes} bytes"
+            raise OSError(self.refusal)
+        return super()._sock_recv(bufsize)
+
+
+def new_client(
+    broker: Broker, client_id: str, *, keeps_session: bool = False, most_bytes: int = MOST_BYTES
+) -> BoundedClient:
     """Return a client that is not connected yet; one that keeps its session acknowledges by itself what it took.
 
-    Raises NotTakenError if files of TLS cannot be read.
+    Raises DataFolderError if the file of an authority cannot be read.
     """
-    client = paho.Client(
+    client = BoundedClient(
+        most_bytes,
         CallbackAPIVersion.VERSION2,
         client_id=client_id,
         clean_session=None if broker.is_5 else not keeps_session,
@@ -72,27 +95,29 @@ def new_client(broker: Broker, client_id: str, *, keeps_session: bool = False) -
         secret = None if broker.password_file is None else read_secret(broker.password_file).get_secret_value()
         client.username_pw_set(broker.username, secret)
     if broker.tls:
-        try:
-            client.tls_set_context(ssl.create_default_context(cafile=broker.ca_file))
-        except (OSError, ssl.SSLError) as error:
-            raise NotTakenError(f"the certificates in {broker.ca_file} cannot be read: {error}") from error
+        client.tls_set_context(whom_to_believe(broker.ca_file))
     return client
 
 
 def begin(
-    client: paho.Client, broker: Broker, keepalive_s: int, *, session_expiry_s: int = 0, receive_maximum: int = 65535
+    client: BoundedClient,
+    broker: Broker,
+    keepalive_s: int,
+    *,
+    session_expiry_s: int = 0,
+    receive_maximum: int = 65535,
 ) -> None:
     """Open the connection of a client and ask the broker to take it. Raises NotTakenError if there is no answer."""
-    try:
-        if not broker.is_5:
-            client.connect(broker.host, broker.resolved_port, keepalive_s)
-            return
+    properties = None
+    if broker.is_5:
         properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # the library's
         properties.SessionExpiryInterval = session_expiry_s
         properties.ReceiveMaximum = receive_maximum
-        client.connect(
-            broker.host, broker.resolved_port, keepalive_s, clean_start=session_expiry_s == 0, properties=properties
-        )
+        properties.MaximumPacketSize = client.most_bytes
+    clean: paho.CleanStartOption = session_expiry_s == 0 if broker.is_5 else paho.MQTT_CLEAN_START_FIRST_ONLY
+    try:
+        with exchange(TIMEOUT_S, MOST_BYTES):
+            client.connect(broker.host, broker.resolved_port, keepalive_s, clean_start=clean, properties=properties)
     except (OSError, ValueError) as error:
         raise NotTakenError(f"no answer: {error}") from error
 
@@ -160,7 +185,7 @@ class Connection:
             except queue.Empty:
                 raise NotTakenError(f"the broker did not acknowledge within {TIMEOUT_S:g} s") from None
             if answer is None:
-                raise NotTakenError("the broker closed the connection")
+                raise NotTakenError(self._client.refusal or "the broker closed the connection")
             number, code = answer
             if code.is_failure:
                 raise NotTakenError(f"the broker refused it: {code}")

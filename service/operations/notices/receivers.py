@@ -3,11 +3,15 @@
 import base64
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, HttpUrl, SecretStr, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, HttpUrl, SecretStr, ValidationError, field_validator, model_validator
 
 from service.errors import DataFolderError, first_refusal
+from service.settings import is_loopback
+
+if TYPE_CHECKING:
+    from ssl import SSLContext
 
 #: A secret that begins so is the base64 of a key, as Standard Webhooks writes it.
 ENCODED = "whsec_"
@@ -18,19 +22,50 @@ Address = Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$", max_length=254)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 
 
-class Broker(BaseModel):
-    """A broker and who logs in to it. Its name stands in every topic: ``preload/<name>/…``."""
+class Server(BaseModel):
+    """A server outside, who logs in to it, and whom to believe that it is it."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: Name
     host: str
-    port: Annotated[int, Field(ge=1, le=65535)] | None = Field(default=None, description="1883, with TLS 8883")
-    protocol: Literal["5", "3.1.1"] = "5"
-    tls: bool = False
     ca_file: Path | None = Field(default=None, description="with TLS: who signs; if unset, those of the system")
     username: str | None = None
     password_file: Path | None = None
+    password_in_clear: bool = Field(default=False, description="send the password without TLS, for everybody to hear")
+
+    @property
+    def encrypts(self) -> bool:
+        """Whether it is spoken to by TLS."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _keeps_its_password(self) -> Self:
+        if self.ca_file is not None and not self.encrypts:
+            raise ValueError(f"ca_file is for TLS, which is off; switch it on: {self._SWITCH} = true")
+        if self.password_file is None or self.encrypts or self.password_in_clear or is_loopback(self.host):
+            return self
+        raise ValueError(
+            f"the password would go to {self.host} without TLS; set {self._SWITCH} = true, "
+            "or password_in_clear = true if everybody on the way may have it"
+        )
+
+    _SWITCH: ClassVar[str]
+
+
+class Broker(Server):
+    """A broker and who logs in to it. Its name stands in every topic: ``preload/<name>/…``."""
+
+    _SWITCH = "tls"
+
+    port: Annotated[int, Field(ge=1, le=65535)] | None = Field(default=None, description="1883, with TLS 8883")
+    protocol: Literal["5", "3.1.1"] = "5"
+    tls: bool = False
+
+    @property
+    def encrypts(self) -> bool:
+        """Whether it is spoken to by TLS."""
+        return self.tls
 
     @property
     def is_5(self) -> bool:
@@ -57,29 +92,38 @@ class Broker(BaseModel):
         return f"{self.root}/axes/{axis}/{kind}"
 
 
-class _Receiver(BaseModel):
+class Webhook(BaseModel):
+    """Somebody who takes CloudEvents over HTTP, each signed with a secret that both know."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: Name
-
-
-class Webhook(_Receiver):
-    """Somebody who takes CloudEvents over HTTP, each signed with a secret that both know."""
-
     url: HttpUrl
+    ca_file: Path | None = Field(default=None, description="who signs for https; if unset, those of the system")
     secret_file: Path | None = None
 
+    @field_validator("url")
+    @classmethod
+    def _keeps_its_password(cls, url: HttpUrl) -> HttpUrl:
+        if url.password is not None and url.scheme == "http" and not is_loopback(url.host or ""):
+            raise ValueError(f"the password in it would go to {url.host} without TLS; use https")
+        return url
 
-class Mail(_Receiver):
+
+class Mail(Server):
     """People who get a mail by way of a mail server."""
 
-    host: str
+    _SWITCH = "start_tls"
+
     port: Annotated[int, Field(ge=1, le=65535)] = 25
     sender: Annotated[Address, Field(alias="from")]
     recipients: Annotated[list[Address], Field(alias="to", min_length=1)]
     start_tls: bool = False
-    username: str | None = None
-    password_file: Path | None = None
+
+    @property
+    def encrypts(self) -> bool:
+        """Whether it is spoken to by TLS."""
+        return self.start_tls
 
 
 class Receivers(BaseModel):
@@ -117,7 +161,20 @@ def read_receivers(path: Path | None) -> Receivers:
     for file in (*(each.secret_file for each in receivers.webhook), *(each.password_file for each in logins)):
         if file is not None:
             read_secret(file)
+    for ca_file in (*(each.ca_file for each in receivers.webhook), *(each.ca_file for each in logins)):
+        if ca_file is not None:
+            whom_to_believe(ca_file)
     return receivers
+
+
+def whom_to_believe(ca_file: Path | None) -> "SSLContext":
+    """Return what TLS verifies by. Raises DataFolderError if the file holds no certificate of an authority."""
+    from preload_client.exchange import tls_context  # noqa: PLC0415  # brings an HTTP client
+
+    try:
+        return tls_context(ca_file)
+    except OSError as error:
+        raise DataFolderError(f"the certificates in {ca_file} cannot be read: {error}") from error
 
 
 def read_secret(path: Path) -> SecretStr:
