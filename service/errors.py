@@ -1,5 +1,6 @@
 """Define the errors of the service, and the one table from error class to HTTP status."""
 
+import logging
 import math
 from typing import TYPE_CHECKING
 
@@ -137,6 +138,24 @@ def status_of(error: Exception) -> tuple[int, str]:
         if isinstance(error, kind):
             return status, name
     return 500, "internal-error"
+
+
+def refusal_in(error: BaseException | None) -> Exception | None:
+    """Return the refusal that an error is, or that a library made its own error of; None for a fault of the program."""
+    while error is not None:
+        if isinstance(error, ServiceError | MonitorCoreError):
+            return error
+        error = error.__cause__
+    return None
+
+
+def tell_failure(log: logging.Logger, what: str, error: Exception) -> None:
+    """Log what failed: a refusal in one line, a fault of the program with where it came from."""
+    refusal = refusal_in(error)
+    if refusal is None:
+        log.error(what, exc_info=error)
+    else:
+        log.warning("%s: %s", what, refusal)
 
 
 def sentence_of(item: "ErrorDetails") -> str:

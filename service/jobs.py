@@ -17,7 +17,7 @@ from typing import TypeVar
 from sqlalchemy.orm import Session
 
 from service.clock import now
-from service.errors import BusyError, ConflictError, ServiceError, StorageError
+from service.errors import BusyError, ConflictError, StorageError, tell_failure
 from service.json_types import JsonObject
 from service.store import axes, jobs
 from service.store.database import Database
@@ -255,8 +255,8 @@ class JobRunner:
             if self.stopping.is_set():
                 self._let_go(job_id, owner)
             return
-        except Exception as error:  # the edge of this thread: whatever broke is told to who asks for the job
-            log.exception("job %s failed", job_id)
+        except Exception as error:  # noqa: BLE001 - the edge of this thread: whatever broke is told to who asks for it
+            tell_failure(log, f"job {job_id} failed", error)
             end = partial(self._finish, job_id, owner, jobs.FAILED, f"{type(error).__name__}: {error}"[:1000])
         try:
             self.persistently(job_id, end)
@@ -342,9 +342,7 @@ class Repeatedly:
             n_done: int | None = 0
             try:
                 n_done = self._act()
-            except ServiceError as error:
-                log.warning("%s waits: %s", self._waits, error)
-            except Exception:  # the edge of this thread, which must live on
-                log.exception("%s waits", self._waits)
+            except Exception as error:  # noqa: BLE001 - the edge of this thread, which must live on
+                tell_failure(log, f"{self._waits} waits", error)
             if not n_done:
                 self._stopping.wait(self._every_s)

@@ -1,5 +1,6 @@
 """Let each request through only if its caller may make it, before its body is read, and log what it changes."""
 
+import logging
 from collections.abc import Iterable
 from functools import partial
 from re import Pattern
@@ -22,6 +23,8 @@ from service.operations.access.access import Access, require
 from service.operations.access.refusals import Refused
 from service.operations.access.scopes import ANYONE, Caller, Scope
 from service.store.access import REFUSING_STATUS
+
+log = logging.getLogger(__name__)
 
 #: Of the cookie of a browser that is logged in.
 COOKIE = "preload_session"
@@ -133,7 +136,10 @@ class Gate:
 
         async def send_noted(message: Message) -> None:
             if message["type"] == "http.response.start":
-                await run_sync(access.end_entry, entry, message["status"])
+                try:
+                    await run_sync(access.end_entry, entry, message["status"])
+                except ServiceError as error:  # what was asked is done, and is answered so
+                    log.warning("entry %d of the log of changes stays without its answer: %s", entry, error)
             await send(message)
 
         await self._app(scope, receive, send_noted)

@@ -3,11 +3,13 @@
 import logging
 import time
 import uuid
+from http import HTTPStatus
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.api.http.problems import problem
+from service.api.http.problems import problem, problem_of
+from service.errors import refusal_in
 from service.observability import Metrics
 
 log = logging.getLogger(__name__)
@@ -29,7 +31,18 @@ _NOT_KEPT = {"Cache-Control": "no-store"}
 #: Behind TLS: ask by nothing else for a year, whoever answers then.
 _BY_TLS_ONLY = {"Strict-Transport-Security": "max-age=31536000"}
 _FILES = "/static/"
-INTERNAL_ERROR = "the service failed on this request; its log says why, under the id of the request"
+INTERNAL_ERROR = ("internal-error", "the service failed on this request; its log says why, under the id of the request")
+#: What the log calls it when nobody was left to be answered, as nginx does.
+CLIENT_GONE = 499
+
+
+class BrokenOffError(Exception):
+    """An answer could not be completed; the log has said why."""
+
+
+def is_news(record: logging.LogRecord) -> bool:
+    """Tell whether a line of the server's log says more than that an answer was broken off: a filter."""
+    return not (record.exc_info and isinstance(record.exc_info[1], BrokenOffError))
 
 
 class RequestObserver:
@@ -65,23 +78,30 @@ class RequestObserver:
         started = time.perf_counter()
         try:
             await self._app(scope, receive, send_named)
-        except Exception:  # the edge of a request: the log gets the traceback, the caller no internals
-            log.exception("request failed", extra={"members": {"request_id": request_id}})
+        except Exception as error:  # the edge of a request: the log gets the traceback, the caller no internals
+            refusal = refusal_in(error)
+            if refusal is None:
+                log.exception("request failed", extra={"members": {"request_id": request_id}})
+            else:
+                scope["state"]["reason"] = str(refusal)
             if status is not None:
-                raise  # the answer has begun: all that is left is to break it off
-            await problem(500, "internal-error", INTERNAL_ERROR, request_id=request_id)(scope, receive, send_named)
+                raise BrokenOffError from error  # the answer has begun: all that is left is to break it off
+            answer = problem_of(refusal) if refusal else problem(500, *INTERNAL_ERROR, request_id=request_id)
+            await answer(scope, receive, send_named)
         finally:
-            self._note(scope, status or 500, time.perf_counter() - started, request_id)
+            self._note(scope, status or CLIENT_GONE, time.perf_counter() - started, request_id)
 
     def _note(self, scope: Scope, status: int, elapsed: float, request_id: str) -> None:
         # Label values must be few, whatever is sent: the template of the route, and methods that exist.
         route = getattr(scope.get("route"), "path", "none")
         method = scope["method"] if scope["method"] in METHODS else "other"
         self._metrics.requests.labels(method, route, status).observe(elapsed)
-        access_log.info(
-            "%s %s %d", method, route, status,
-            extra={"members": {"request_id": request_id, "seconds": round(elapsed, 6)}},
-        )  # fmt: skip
+        members = {"request_id": request_id, "seconds": round(elapsed, 6)}
+        reason = scope["state"].get("reason")  # why it was refused, or its answer broken off
+        level = logging.INFO if status < HTTPStatus.BAD_REQUEST and reason is None else logging.WARNING
+        if reason is not None:
+            members["reason"] = reason
+        access_log.log(level, "%s %s %d", method, route, status, extra={"members": members})
 
 
 def _headers(scope: Scope) -> dict[str, str]:

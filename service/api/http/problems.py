@@ -100,7 +100,8 @@ def install_problem_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(ServiceError)
     @app.exception_handler(MonitorCoreError)
-    async def _refused(_request: Request, error: Exception) -> JSONResponse:
+    async def _refused(request: Request, error: Exception) -> JSONResponse:
+        request.state.reason = str(error)  # for the log
         return problem_of(error)
 
     @app.exception_handler(RequestValidationError)

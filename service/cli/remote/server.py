@@ -3,6 +3,7 @@
 For ``preload demo`` and the tests a service runs inside this process: real HTTP on a free loopback port.
 """
 
+import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +15,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from service.api.http.limits import Connection
+from service.api.http.observer import is_news
 from service.app import create_app
 from service.settings import Settings
 
@@ -76,6 +78,7 @@ class Server(uvicorn.Server):
                 forwarded_allow_ips=list(trusted_proxies),
             )
         )
+        logging.getLogger("uvicorn.error").addFilter(is_news)
         self._app = app
         self._announce = announce
         self._opened = AsyncExitStack()

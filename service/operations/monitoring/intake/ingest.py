@@ -17,7 +17,7 @@ from typing import TypeVar
 from monitor_core.recording import Window
 from monitor_core.trend import TrendStatus
 from service.clock import now
-from service.errors import BusyError, StorageError
+from service.errors import BusyError, StorageError, tell_failure
 from service.observability import Metrics
 from service.operations.monitoring.alarm_changes import PRELOAD_LOSS
 from service.operations.monitoring.intake.batch import Batch, IngestReceipt, KnownAxes, Post, by_axis
@@ -111,8 +111,8 @@ class Ingest:
                 if time.monotonic() >= due:
                     due = time.monotonic() + CLOSED_EVERY_S
                     self.close_overdue()
-            except Exception as error:  # the edge of this thread, which must live on
-                log.exception("windows were not taken")
+            except Exception as error:  # noqa: BLE001 - the edge of this thread, which must live on
+                tell_failure(log, "windows were not taken", error)
                 _refuse(posts, error)
                 self._passed_over = []
 
