@@ -31,10 +31,12 @@ class Nodes:
         self._server = server
         self._index = index
         self._folder = folder
-        self._axes: dict[str, dict[str, Node]] = {}
+        self._axes: dict[str, dict[str, Node]] = {}  # of every axis that there was
+        self._listed: set[str] = set()  # those in the folder
         self._shown: dict[str, AxisSeen] = {}
         self._alarms: dict[int, AlarmSeen] = {}
         self._conditions: dict[int, EventGenerator] = {}
+        self._is_away = False
 
     @classmethod
     async def make(cls, server: Server) -> "Nodes":
@@ -46,9 +48,8 @@ class Nodes:
     async def show(self, reading: Reading) -> None:
         """Show what was read: values that differ, and an event for each alarm that does."""
         present = {axis.id: axis for axis in reading.axes}
-        for gone in self._axes.keys() - present.keys():
-            await self._server.delete_nodes([self._server.get_node(self._id(f"axes/{gone}"))], recursive=True)
-            del self._axes[gone]
+        for gone in self._listed - present.keys():
+            await self._hide(gone)
         for name, axis in present.items():
             if self._shown.get(name) != axis:
                 await self._show_axis(axis)
@@ -59,23 +60,45 @@ class Nodes:
             if alarm is None:
                 await self._show_alarm(self._alarms[number], is_open=False)
                 del self._conditions[number]
-            elif before is None or (before.status, before.shelved_until) != (alarm.status, alarm.shelved_until):
+            elif (
+                before is None
+                or self._is_away
+                or (before.status, before.shelved_until) != (alarm.status, alarm.shelved_until)
+            ):
                 await self._show_alarm(alarm, is_open=True)
-        self._alarms = open_now
+        self._alarms, self._is_away = open_now, False
 
     async def show_away(self) -> None:
-        """Say of every value that the service is away; none of them counts meanwhile."""
+        """Say of every value and every open alarm that the service is away; none of them counts meanwhile."""
+        if self._is_away:
+            return
+        self._is_away = True
         self._shown.clear()
-        for variables in self._axes.values():
-            for variable in variables.values():
-                await variable.write_value(ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNoCommunication)))
+        for axis in self._listed:
+            await self._say(axis, ua.StatusCodes.BadNoCommunication)
+        for alarm in self._alarms.values():
+            await self._show_alarm(alarm, is_open=True, quality=ua.StatusCodes.BadNoCommunication)
 
     def _id(self, path: str) -> ua.NodeId:
         return ua.NodeId(path, self._index)
 
+    async def _say(self, axis: str, status: int) -> None:
+        """Write a status without a value to every variable of an axis."""
+        for variable in self._axes[axis].values():
+            await variable.write_value(ua.DataValue(StatusCode=ua.StatusCode(status)))
+
+    async def _hide(self, axis: str) -> None:
+        """Take an axis out of the folder. Its nodes stay: the library tells nobody that a node was deleted."""
+        await self._folder.delete_reference(self._id(f"axes/{axis}"), ua.ObjectIds.Organizes)
+        await self._say(axis, ua.StatusCodes.BadNodeIdUnknown)
+        self._listed.remove(axis)
+
     async def _show_axis(self, axis: AxisSeen) -> None:
         if axis.id not in self._axes:
             self._axes[axis.id] = await self._new_axis(axis)
+        elif axis.id not in self._listed:
+            await self._folder.add_reference(self._id(f"axes/{axis.id}"), ua.ObjectIds.Organizes)
+        self._listed.add(axis.id)
         for name, value in values_of(axis).items():
             await self._axes[axis.id][name].write_value(value)
 
@@ -83,15 +106,20 @@ class Nodes:
         path = f"axes/{axis.id}"
         node = await self._folder.add_object(self._id(path), ua.QualifiedName(axis.id, self._index))
         variables = {name: await self._number(node, path, name, meaning) for name, meaning in NUMBERS.items()}
-        variables["State"] = await node.add_variable(
-            self._id(f"{path}/State"), ua.QualifiedName("State", self._index), "unknown", ua.VariantType.String
-        )
+        variables["State"] = await self._variable(node, path, "State", ua.ObjectIds.String)
         return variables
 
-    async def _number(self, axis: Node, path: str, name: str, meaning: str) -> Node:
+    async def _variable(self, axis: Node, path: str, name: str, datatype: int) -> Node:
+        """Add a variable; until a value is known it has none."""
         variable = await axis.add_variable(
-            self._id(f"{path}/{name}"), ua.QualifiedName(name, self._index), 0.0, ua.VariantType.Double
+            self._id(f"{path}/{name}"), ua.QualifiedName(name, self._index), None, datatype=datatype
         )
+        waiting = ua.StatusCode(ua.StatusCodes.BadWaitingForInitialData)
+        await variable.write_value(ua.DataValue(StatusCode=waiting))
+        return variable
+
+    async def _number(self, axis: Node, path: str, name: str, meaning: str) -> Node:
+        variable = await self._variable(axis, path, name, ua.ObjectIds.Double)
         await variable.delete_reference(ua.ObjectIds.BaseDataVariableType, ua.ObjectIds.HasTypeDefinition)
         await variable.add_reference(ua.ObjectIds.AnalogUnitType, ua.ObjectIds.HasTypeDefinition)
         unit = self._id(f"{path}/{name}/EngineeringUnits")
@@ -100,9 +128,10 @@ class Nodes:
         await variable.write_attribute(ua.AttributeIds.Description, ua.DataValue(text))
         return variable
 
-    async def _show_alarm(self, alarm: AlarmSeen, *, is_open: bool) -> None:
+    async def _show_alarm(self, alarm: AlarmSeen, *, is_open: bool, quality: int = ua.StatusCodes.Good) -> None:
         """Send the event of a condition; while it is open, who subscribes later gets it by ConditionRefresh."""
         generator = self._conditions.get(alarm.id)
+        is_new = generator is None
         if generator is None:
             generator = self._conditions[alarm.id] = EventGenerator(self._server.iserver.isession)
             condition = AlarmCondition(severity=SEVERITY)
@@ -118,7 +147,7 @@ class Nodes:
         event.ConditionClassName = ua.LocalizedText("ProcessConditionClass")
         event.BranchId = ua.NodeId()
         event.Retain = is_open
-        event.Quality = ua.StatusCode(ua.StatusCodes.Good)
+        event.Quality = ua.StatusCode(quality)
         event.LastSeverity = SEVERITY
         event.SuppressedOrShelved = is_open and alarm.shelved_until is not None
         for state, text, holds in (
@@ -130,6 +159,6 @@ class Nodes:
             setattr(event, f"{state}/Id", holds)
         sentence = alarm.evidence.sentence or alarm.kind
         await generator.trigger(
-            alarm.raised_at if is_open and not is_seen else None,
+            alarm.raised_at if is_new and not is_seen else None,
             f"{alarm.axis}: {sentence}" if is_open else f"{alarm.axis}: alarm {alarm.id} is closed",
         )

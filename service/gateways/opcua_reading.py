@@ -1,5 +1,6 @@
 """Read how the axes stand from the service, and lay it out as OPC UA does: value, quality, time of measurement."""
 
+import asyncio
 import math
 from dataclasses import dataclass
 from datetime import datetime
@@ -7,6 +8,9 @@ from datetime import datetime
 from asyncua import ua
 from httpx import AsyncClient, HTTPError
 from pydantic import BaseModel, ValidationError
+
+#: A service that has not answered by then is away.
+READ_WITHIN_S = 10.0
 
 
 class _Doubt(BaseModel):
@@ -72,8 +76,11 @@ class ServiceAwayError(Exception):
 async def read_service(http: AsyncClient) -> Reading:
     """Read axes and open alarms. Raises ServiceAwayError."""
     try:
-        axes = _Axes.model_validate(await _get(http, "/v1/axes")).axes
-        alarms = [alarm for status in ("active", "acknowledged") for alarm in await _alarms(http, status)]
+        async with asyncio.timeout(READ_WITHIN_S):
+            axes = _Axes.model_validate(await _get(http, "/v1/axes")).axes
+            alarms = [alarm for status in ("active", "acknowledged") for alarm in await _alarms(http, status)]
+    except TimeoutError as error:
+        raise ServiceAwayError(f"the service has not answered within {READ_WITHIN_S:g} s") from error
     except (HTTPError, ValidationError, ValueError) as error:
         raise ServiceAwayError(f"the service cannot be read: {error}") from error
     return Reading(axes, alarms)

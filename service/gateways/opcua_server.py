@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Self
 
@@ -12,7 +13,8 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.gateways.opcua_login import OneUser, Sessions
 from service.gateways.opcua_nodes import SEVERITY, Nodes
-from service.gateways.opcua_reading import ServiceAwayError, read_service
+from service.gateways.opcua_reading import READ_WITHIN_S, ServiceAwayError, read_service
+from service.gateways.opcua_subscriptions import tell_what_holds
 from service.operations.notices.receivers import read_secret
 from service.settings import is_loopback
 
@@ -20,7 +22,6 @@ log = logging.getLogger(__name__)
 
 #: So often the service is read.
 POLL_S = 2.0
-_TIMEOUT_S = 20.0
 
 
 class OpcuaSettings(BaseSettings):
@@ -51,15 +52,19 @@ class OpcuaSettings(BaseSettings):
 
 
 async def serve_opcua(settings: OpcuaSettings, url: str, key: str | None, stopping: asyncio.Event) -> None:
-    """Show a service until it is to stop."""
-    server = await _new_server(settings)
+    """Show a service until it is to stop; from the first answer on, so that whoever connects finds the nodes."""
+    server = await new_server(settings)
     headers = {"authorization": f"Bearer {key}"} if key else None
-    async with AsyncClient(base_url=url, timeout=_TIMEOUT_S, trust_env=False, headers=headers) as http, server:
-        log.info("OPC UA: %s", server.endpoint.geturl())
-        nodes = await Nodes.make(server)
+    http = AsyncClient(base_url=url, timeout=READ_WITHIN_S, trust_env=False, headers=headers)
+    async with http, AsyncExitStack() as listening:
+        nodes, is_open = await Nodes.make(server), False
         while not stopping.is_set():
             try:
                 await nodes.show(await read_service(http))
+                if not is_open:
+                    await listening.enter_async_context(server)
+                    is_open = True
+                    log.info("OPC UA: %s", server.endpoint.geturl())
             except ServiceAwayError as error:
                 log.warning("%s", error)
                 await nodes.show_away()
@@ -69,12 +74,14 @@ async def serve_opcua(settings: OpcuaSettings, url: str, key: str | None, stoppi
                 continue
 
 
-async def _new_server(settings: OpcuaSettings) -> Server:
+async def new_server(settings: OpcuaSettings) -> Server:
+    """Return a server that does not listen yet."""
     users, policy = None, ua.SecurityPolicyType.NoSecurity
     if settings.username is not None and settings.password_file is not None:
         users = OneUser(settings.username, read_secret(settings.password_file).get_secret_value())
         policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt
     server = Server(iserver=Sessions(user_manager=users))
+    tell_what_holds(server)
     server.iserver.bind_condition_methods = SEVERITY  # ConditionRefresh; its own events have a severity, too
     await server.init()
     server.set_endpoint(f"opc.tcp://{settings.host}:{settings.port}/preload")
