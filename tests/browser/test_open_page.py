@@ -1,5 +1,7 @@
 """An open page says what a fresh one says: after every event, from every state that it was opened in."""
 
+import os
+import signal
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -131,6 +133,20 @@ def test_a_page_says_that_the_service_is_gone_and_heals(fresh_service: Site, vis
     shown = page.locator("#connection").inner_text()
     assert any(f"{(gone_at + timedelta(hours=1, seconds=s)).strftime('%I:%M').lstrip('0')}" in shown for s in (0, 60))
     fresh_service.restart()
+    expect(page.locator("#connection")).to_have_text("● live", timeout=60_000)
+
+
+@pytest.mark.release
+def test_a_page_says_that_the_service_hangs_and_heals(fresh_service: Site, visit: Visit) -> None:
+    page = visit(fresh_service.url, "/axes/normal", allowed="Failed to load resource")
+    expect(page.locator("#connection")).to_have_text("● live")
+    process = fresh_service.server.process.pid
+    assert process is not None
+    os.kill(process, signal.SIGSTOP)  # connections are taken, and nothing answers
+    try:
+        expect(page.locator("#connection")).to_contain_text("no connection since", timeout=60_000)
+    finally:
+        os.kill(process, signal.SIGCONT)
     expect(page.locator("#connection")).to_have_text("● live", timeout=60_000)
 
 

@@ -26,10 +26,12 @@ from service.api.http.body import JSON_TYPE, MSGPACK_TYPE
 from service.cli.main import main
 from service.cli.remote.client import window_document
 from service.clock import now
+from service.errors import StorageError
 from service.gateways.mqtt_windows import MqttSettings
 from service.observability import Metrics
 from service.operations.access.scopes import Scope
-from service.operations.notices import dispatcher as dispatching
+from service.operations.monitoring.trend import Trend
+from service.operations.notices import dispatcher as dispatching, mqtt_states
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.mqtt import MqttSender
 from service.operations.notices.senders import NotTakenError
@@ -215,6 +217,56 @@ def test_a_silent_axis_becomes_unknown_at_the_broker_without_a_measurement(
         wait_until(lambda: _told(client)["state"] == "unknown")
         assert now() >= began + timedelta(seconds=silent_after_s)
         assert _told(client)["valid_until"] is None
+
+
+def test_online_is_said_when_all_states_are_told_anew_and_said_again_before_it_expires(
+    broker: BrokerProcess, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a client that comes back takes the states from before the outage for those of a service that is there."""
+    monkeypatch.setattr(mqtt_states, "ONLINE_FOR_S", 6)
+    monkeypatch.setattr(mqtt_states, "FIRST_PAUSE_S", 3.0)  # so that the client is back before the service
+    with running_service(tmp_path / "var", receivers_file=receivers_file(tmp_path, broker)) as api:
+        api.register("axis")
+        wait_until(lambda: bool(client.of("preload/plant/axes/axis/state")), what="the state")
+        broker.kill()
+        client.heard.clear()
+        api.register("axis", silent_after_hours=1.0)
+        broker.start()
+        wait_until(lambda: len(client.of("preload/plant/status")) >= 2, what="saying online again")
+        assert [message.topic for message in client.heard][:2] == [
+            "preload/plant/axes/axis/state",
+            "preload/plant/status",
+        ]
+        assert client.of("preload/plant/status")[0].payload == b"online"
+        if client.is_5:
+            assert client.of("preload/plant/status")[0].properties.MessageExpiryInterval <= 6
+
+
+def test_states_that_cannot_be_read_are_told_by_nobody_who_is_online(
+    broker: BrokerProcess, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running_service(tmp_path / "var", receivers_file=receivers_file(tmp_path, broker)):
+        wait_until(lambda: [message.payload for message in client.of("preload/plant/status")] == [b"online"])
+        with monkeypatch.context() as damaged:
+            damaged.setattr(Trend, "revisions", _unreadable)
+            wait_until(lambda: client.of("preload/plant/status")[-1].payload == b"offline")
+        wait_until(lambda: client.of("preload/plant/status")[-1].payload == b"online")
+
+
+def _unreadable(_: Trend) -> dict[str, int]:
+    raise StorageError("the disk is gone")
+
+
+def test_the_broker_forgets_an_axis_that_is_archived(broker: BrokerProcess, client: Client, tmp_path: Path) -> None:
+    topic = "preload/plant/axes/axis/state"
+    with running_service(tmp_path / "var", receivers_file=receivers_file(tmp_path, broker)) as api:
+        api.register("axis")
+        wait_until(lambda: bool(client.of(topic)))
+        api.http.post("/v1/axes/axis/archive").raise_for_status()
+        wait_until(lambda: client.of(topic)[-1].payload == b"")
+        api.http.delete("/v1/axes/axis/archive").raise_for_status()
+        wait_until(lambda: client.of(topic)[-1].payload != b"")
+        assert _told(client)["state"] == "unknown"
 
 
 @needs_mosquitto

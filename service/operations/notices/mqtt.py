@@ -42,6 +42,7 @@ class Message:
     content_type: str = JSON_TYPE
     correlation_data: bytes | None = None
     user_properties: tuple[tuple[str, str], ...] = ()
+    expires_after_s: int | None = None  # until then a broker keeps it
 
     def properties(self, broker: Broker) -> Properties | None:
         """Return what MQTT 5 sends with it; None in MQTT 3.1.1."""
@@ -51,6 +52,8 @@ class Message:
         properties.ContentType = self.content_type
         if self.correlation_data is not None:
             properties.CorrelationData = self.correlation_data
+        if self.expires_after_s is not None:
+            properties.MessageExpiryInterval = self.expires_after_s
         if self.user_properties:
             properties.UserProperty = list(self.user_properties)
         return properties

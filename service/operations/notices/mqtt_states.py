@@ -4,6 +4,7 @@ import json
 import logging
 import secrets
 import threading
+from contextlib import suppress
 from datetime import datetime, timedelta
 
 from monitor_core.trend import TrendStatus
@@ -23,6 +24,8 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 #: So many axes are told together.
 _MOST_TOGETHER = 100
 ONLINE, OFFLINE = b"online", b"offline"
+#: A broker that went down together with the service, and came back alone, forgets by then that it was online.
+ONLINE_FOR_S = 90
 
 
 def valid_until(status: AxisStatus) -> datetime | None:
@@ -94,46 +97,67 @@ class StatePublisher:
         return Connection(self._broker, client_id, will=self._presence(OFFLINE))
 
     def _presence(self, payload: bytes) -> Message:
-        return Message(self._broker.status_topic, payload, retain=True, content_type="text/plain")
+        expiry_s = None if payload == OFFLINE else ONLINE_FOR_S
+        return Message(
+            self._broker.status_topic, payload, retain=True, content_type="text/plain", expires_after_s=expiry_s
+        )
 
     def _hear(self, payload: bytes) -> None:
         if payload == OFFLINE:
             self._contradicted.set()
 
     def _keep_told(self, connection: Connection) -> None:
-        """Publish changes until the connection is lost or the service stops."""
+        """Publish changes until the connection is lost or the service stops; online means that all of them are told."""
+        due = dict[str, datetime]()
+        try:
+            published = self._tell_changes(connection, {}, due)
+            online_again = self._say_online(connection)
+            connection.listen(self._broker.status_topic, self._hear)
+            while not self._stopping.wait(POLL_S) and not connection.is_lost:
+                # another service of this name has gone and this one has not, or the broker will forget it soon
+                if self._contradicted.is_set() or now() >= online_again:
+                    online_again = self._say_online(connection)
+                published = self._tell_changes(connection, published, due)
+        finally:
+            if not connection.is_lost:  # else the broker says it
+                with suppress(NotTakenError):
+                    connection.publish(self._presence(OFFLINE))
+
+    def _say_online(self, connection: Connection) -> datetime:
+        """Say that the service is online, and return when to say so again."""
+        self._contradicted.clear()
         connection.publish(self._presence(ONLINE))
-        connection.listen(self._broker.status_topic, self._hear)
-        published, due = dict[str, int](), dict[str, datetime]()
-        while not connection.is_lost and not self._stopping.is_set():
-            if self._contradicted.is_set():  # another service of this name has gone, this one has not
-                self._contradicted.clear()
-                connection.publish(self._presence(ONLINE))
-            at, revisions = now(), self._trend.revisions()
-            changed = [axis for axis, revision in revisions.items() if published.get(axis) != revision]
-            silent = [axis for axis, until in due.items() if until <= at]
-            gone = published.keys() - revisions.keys()
-            self._tell(connection, [*dict.fromkeys((*changed, *silent, *gone))], due)
-            published = revisions
-            self._stopping.wait(POLL_S)
-        if self._stopping.is_set():
-            connection.publish(self._presence(OFFLINE))
+        return now() + timedelta(seconds=ONLINE_FOR_S / 3)
+
+    def _tell_changes(
+        self, connection: Connection, published: dict[str, int], due: dict[str, datetime]
+    ) -> dict[str, int]:
+        """Tell what differs from these revisions or has become silent, and return the revisions that are told now."""
+        at, revisions = now(), self._trend.revisions()
+        changed = [axis for axis, revision in revisions.items() if published.get(axis) != revision]
+        silent = [axis for axis, until in due.items() if until <= at]
+        gone = published.keys() - revisions.keys()
+        self._tell(connection, [*dict.fromkeys((*changed, *silent, *gone))], due)
+        return revisions
 
     def _tell(self, connection: Connection, axes: list[str], due: dict[str, datetime]) -> None:
         for begin in range(0, len(axes), _MOST_TOGETHER):
             connection.publish(*(self._state(axis, due) for axis in axes[begin : begin + _MOST_TOGETHER]))
 
     def _state(self, axis: str, due: dict[str, datetime]) -> Message:
-        """Return the message of an axis; an empty one, which the broker forgets it by, where it is gone."""
+        """Return the message of an axis; an empty one, which the broker forgets it by, if it is gone or archived."""
         due.pop(axis, None)
         topic = self._broker.axis_topic(axis, "state")
+        forgotten = Message(topic, b"", retain=True)
         try:
             status = self._trend.status(axis)
         except UnknownResourceError:
-            return Message(topic, b"", retain=True)
+            return forgotten
         except DocumentDamagedError as error:
             document: JsonObject = {"axis": axis, "state": str(TrendStatus.UNKNOWN), "detail": str(error)}
         else:
+            if status.row.archived_at is not None:
+                return forgotten
             document = state_document(status)
             if (until := valid_until(status)) is not None:
                 due[axis] = until

@@ -2,6 +2,7 @@
 "use strict";
 {
   const POLL_MS = 1000;
+  const ANSWER_MS = 10000;  // a service that hangs is lost as one that is gone
   const root = document.documentElement;
   const connection = document.getElementById("connection");
   let lostAt = null;
@@ -81,13 +82,15 @@
     document.dispatchEvent(new Event("takenover"));
   }
 
+  const get = (address, headers) => fetch(address, { cache: "no-store", headers, signal: AbortSignal.timeout(ANSWER_MS) });
+
   async function ask() {
     clearTimeout(timer);
     try {
-      const answer = await fetch(`/v1/changes?since=${encodeURIComponent(root.dataset.mark)}`, { cache: "no-store" });
+      const answer = await get(`/v1/changes?since=${encodeURIComponent(root.dataset.mark)}`);
       if (answer.status === 401) location.reload();
       else if (answer.status === 200) {
-        const page = await fetch(location.href, { cache: "no-store", headers: { Accept: "text/html" } });
+        const page = await get(location.href, { Accept: "text/html" });
         if (page.redirected) location.assign(page.url);
         else if (page.status >= 500 && page.status !== 500) throw new Error(`the service answered ${page.status}`);
         else takeOver(new DOMParser().parseFromString(await page.text(), "text/html"));
