@@ -84,7 +84,7 @@ def plan_calibration(
     def loss(settings: Sequence[PlannedSetting]) -> float | None:
         return None if expected is None else smallest_loss(settings, expected, places, healthy_preload)
 
-    holes = tuple(item for item in grid if not any(_is_same(item, other) for other in measured))
+    holes = tuple(item for item, times in zip(grid, _times_measured(grid, measured), strict=True) if times == 0)
     proposed = proposed_setting(measured, grid, expected, healthy_preload)
     now = loss(measured)
     return CalibrationPlan(
@@ -125,8 +125,8 @@ def proposed_setting(
     places = sorted({item.position for item in grid})
     scale = np.linalg.norm(_rows(grid), axis=0)
 
-    def cost(item: PlannedSetting) -> tuple[bool, float, int]:
-        settings, again = [*measured, item], sum(_is_same(item, other) for other in measured)
+    def cost(item: PlannedSetting, again: int) -> tuple[bool, float, int]:
+        settings = [*measured, item]
         loss = None if expected is None else smallest_loss(settings, expected, places, healthy_preload)
         if loss is not None:
             return False, round(loss, 9), again
@@ -134,7 +134,8 @@ def proposed_setting(
         determinant = float(np.linalg.slogdet(rows.T @ rows + _RIDGE * np.eye(4))[1])
         return True, -round(determinant, 9), again
 
-    return min(grid, key=cost)
+    costs = [cost(item, again) for item, again in zip(grid, _times_measured(grid, measured), strict=True)]
+    return grid[costs.index(min(costs))]
 
 
 def _left(
@@ -191,8 +192,12 @@ def _suffice(settings: Sequence[PlannedSetting]) -> bool:
 NEAR_POSITION, NEAR_PRELOAD = 0.02, 0.1  # [m], [-]
 
 
-def _is_same(setting: PlannedSetting, measured: PlannedSetting) -> bool:
-    return (
-        abs(setting.position - measured.position) <= NEAR_POSITION
-        and abs(setting.preload - measured.preload) <= NEAR_PRELOAD * setting.preload
+def _times_measured(grid: Sequence[PlannedSetting], measured: Sequence[PlannedSetting]) -> list[int]:
+    """Count for each setting of the grid how often it was measured."""
+    positions, preloads = (
+        tuple(np.array([getattr(item, name) for item in items]) for items in (grid, measured))
+        for name in ("position", "preload")
     )
+    near = np.abs(np.subtract.outer(*positions)) <= NEAR_POSITION
+    near &= np.abs(np.subtract.outer(*preloads)) <= NEAR_PRELOAD * preloads[0][:, np.newaxis]
+    return [int(times) for times in near.sum(axis=1)]

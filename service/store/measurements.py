@@ -12,8 +12,8 @@ from service.errors import UnknownResourceError
 from service.json_types import JsonObject
 from service.store.intake import JUDGED, REFUSED
 from service.store.retention import require_stored
-from service.store.tables import PLACE, AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
-from service.store.trend.tables import TrendPointRow
+from service.store.tables import PLACE, AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, microseconds_of
+from service.store.trend.shown import points_at
 from service.store.waveforms import WaveformPlace
 
 #: Built once: to build it takes longer than to run it.
@@ -82,32 +82,24 @@ class SetMeasurement:
     temperature_c: float | None
 
 
-def set_measurements(session: Session, axis: AxisRow) -> list[SetMeasurement]:
-    """Return the measurements of an axis whose preload was set on purpose, in time order, those under way included."""
+def set_measurements(session: Session, axis: AxisRow, most: int) -> list[SetMeasurement]:
+    """Return the newest measurements whose preload was set on purpose, in time order, those under way included."""
     query = (
         select(MeasurementRow)
         .where(MeasurementRow.axis_id == axis.id, MeasurementRow.set_preload_n.is_not(None))
-        .order_by(MeasurementRow.started_at, MeasurementRow.id)
+        .order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc())
+        .limit(most)
     )
-    rows = list(session.scalars(query))
-    if not rows:
-        return []
-    judged = select(
-        TrendPointRow.measurement_id,
-        TrendPointRow.frequency_hz,
-        TrendPointRow.refusal_reason,
-        TrendPointRow.payload_kg,
-        TrendPointRow.temperature_c,
-    ).where(
-        TrendPointRow.axis_number == axis.number,
-        TrendPointRow.at.between(rows[0].started_at, rows[-1].started_at),
-        TrendPointRow.set_preload_n.is_not(None),
-    )
-    judged_by_number = {number: rest for number, *rest in session.execute(judged)}
+    rows = list(session.scalars(query))[::-1]
+    points = points_at(session.connection(), axis.number, [microseconds_of(row.started_at) for row in rows])
+    judged = {
+        point.measurement_id: (point.frequency_hz, point.refusal_reason, point.payload_kg, point.temperature_c)
+        for point in points
+    }
     return [
         SetMeasurement(
             row.id, row.started_at, row.position_mm, row.set_preload_n, row.status, row.n_accepted,
-            *judged_by_number.get(row.id, (None,) * 4),
+            *judged.get(row.id, (None,) * 4),
         )
         for row in rows
         if row.set_preload_n is not None

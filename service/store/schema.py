@@ -11,7 +11,9 @@ from service.store.trend import tables as trend_tables  # noqa: F401 - its table
 #: Oldest version that this program opens.
 BASELINE = "0017"
 #: What follows the baseline: the version that each step leads to, and what it changes, on SQLite and on PostgreSQL.
-STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = ()
+STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
+    ("0018", lambda _: None),  # new documents of measurements are packed, which an older program would not read
+)
 #: The version that this program writes.
 VERSION = STEPS[-1][0] if STEPS else BASELINE
 #: The last program that brings every older schema to the baseline.

@@ -22,6 +22,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
 
 from service.json_types import JsonObject
+from service.store.packed_documents import PackedDocument
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -218,8 +219,8 @@ class MeasurementDocumentRow(Base):
     __tablename__ = "measurement_documents"
 
     measurement_id: Mapped[int] = mapped_column(Identity, ForeignKey("measurements.id"), primary_key=True)
-    outcome: Mapped[JsonObject]  # as the API gives it, but for what later measurements may change
-    response: Mapped[JsonObject | None]  # FRF in the band, for "why this value"
+    outcome: Mapped[JsonObject] = mapped_column(PackedDocument)  # as the API gives it, but for what may change later
+    response: Mapped[JsonObject | None] = mapped_column(PackedDocument)  # FRF in the band, for "why this value"
 
 
 class WindowRow(Base):

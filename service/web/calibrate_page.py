@@ -1,7 +1,7 @@
 """``/axes/{axis}/calibrate``: guided calibration, fitted as a job; ``…/calibrations/{n}``: review, activate."""
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Form, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -36,6 +36,9 @@ from service.web.trend_view import Charts, twice
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
+
+#: Measurements of the table, the newest first; the picture shows all that the plan rests on.
+_LISTED: Final = 20
 
 
 class PlanForm(BaseModel):
@@ -190,7 +193,7 @@ def _calibrate_page(
         status=status,
         axis=row,
         plan=shown,
-        settings=[(item, kind_of(item.status, item.frequency_hz)) for item in shown.measured],
+        settings=[(item, kind_of(item.status, item.frequency_hz)) for item in shown.measured[: -_LISTED - 1 : -1]],
         n_usable=len(plan.usable),
         charts=settings_charts(page.words, plan),
         form=form,

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from service.json_types import JsonObject
+from service.store.packed_documents import unpacked
 from tests.service.conftest import START, Api, assert_problem, running_service, simulated_measurement
 
 HARMS = ("cut off", "a list", "blank", "newer", "another member", "a member less")
@@ -103,8 +104,8 @@ def test_a_member_of_a_measurement_that_cannot_be_read_is_missing_and_the_rest_i
     whole = api.axis("axis")["last_measurement"]
     broken = {"coherence": "high", "variance_shares": [1], "doubts": [{"reason": 3}], "of_a_later_program": {"a": 1}}
     with closing(sqlite3.connect(api.data_dir / "preload.db")) as connection:
-        ((text,),) = connection.execute("SELECT outcome FROM measurement_documents").fetchall()
-        document = json.dumps(json.loads(text) | broken)
+        ((content,),) = connection.execute("SELECT outcome FROM measurement_documents").fetchall()
+        document = json.dumps(unpacked(content) | broken)  # as older programs wrote it
         connection.execute("UPDATE measurement_documents SET outcome = ?", (document,))
         connection.commit()
     missing = {"coherence": None, "variance_shares": {}, "doubts": [], "of_a_later_program": {"a": 1}}

@@ -30,6 +30,9 @@ from service.store.measurements import SetMeasurement
 
 #: Settings of a plan: so many positions over the travel, so many preloads up to the highest.
 POSITIONS, PRELOADS = 5, 3
+#: So many of the newest measurements are planned from: each setting four times. What was measured of an older nut or
+#: mounting says nothing of the next setting.
+MOST_PLANNED: Final = 4 * POSITIONS * PRELOADS
 #: Part of the screw that a table can be near its ends, and preloads as shares of the highest.
 _MARGIN: Final = 0.1
 _SHARES: Final = (1.0 / 3.0, 2.0 / 3.0, 1.0)
@@ -77,7 +80,7 @@ def calibration_plan(database: Database, axis_id: str, asked: PlanIn) -> AxisPla
     with database.read() as session:
         axis = get_axis(session, axis_id)
         configuration = load_configuration(axis.configuration)
-        measured = measurements.set_measurements(session, axis)
+        measured = measurements.set_measurements(session, axis, MOST_PLANNED)
         in_force = None
         if axis.active_calibration_id is not None:
             in_force = calibrations.get_calibration(session, axis_id, axis.active_calibration_id).document

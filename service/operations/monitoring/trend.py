@@ -11,12 +11,12 @@ from monitor_core.trend import paper_rule
 from service.clock import now, text_of
 from service.documents.stored_measurement import NOTHING_MEASURED, StoredMeasurement
 from service.errors import DocumentDamagedError, UnreadableBodyError
-from service.json_types import JsonObject
+from service.json_types import JsonObject, document_of
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.extremes import extremes
 from service.operations.monitoring.intake.chart_state import load_design, load_state, state_now
 from service.store import alarms, axes, measurements
-from service.store.database import Database, document_of, reading
+from service.store.database import Database, reading
 from service.store.intake import outcomes_of
 from service.store.rejudged import Stale, stale_axes
 from service.store.retention import LetGo, let_go
