@@ -35,7 +35,7 @@ from service.api.http.problems import PROBLEM_RESPONSES, Problem, install_proble
 from service.api.services import Services
 from service.api.windows import WindowIn, WindowsIn
 from service.blas_threads import compute_in_one_thread
-from service.errors import ServiceError, StorageError
+from service.errors import ServiceError
 from service.jobs import JobRunner
 from service.json_types import JsonObject
 from service.observability import Metrics
@@ -70,6 +70,7 @@ from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
 from service.store.safekeeping.database_file import require_database_of
+from service.store.safekeeping.private import private_folder
 from service.store.waveform_objects import files_at
 from service.store.waveforms import WaveformStore
 from service.web.pages import PAGES
@@ -171,10 +172,7 @@ def open_database(settings: Settings) -> Database:
     Raises DataFolderError if this is not a database that the service may go on with; StorageError if the disk or the
     database server does not let it.
     """
-    try:
-        settings.data_dir.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"the data folder {settings.data_dir} cannot be made: {error.strerror}") from error
+    private_folder(settings.data_dir)
     database = Database(settings.resolved_database_url())
     try:
         if database.file is not None:

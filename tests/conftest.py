@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +29,15 @@ def canary(cases: Iterable[object]) -> list[object]:
         first,
         *(pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.release) for case in others),
     ]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def umask_of_the_tests() -> Iterator[None]:
+    """Give other tests the umask back that a service in this process has made stricter."""
+    umask = os.umask(0)
+    os.umask(umask)
+    yield
+    os.umask(umask)
 
 
 @pytest.hookimpl(tryfirst=True)

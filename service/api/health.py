@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -24,6 +25,8 @@ router = APIRouter(tags=["operations"])
 
 #: Below this the next waveforms might not fit; better to say so than to fail at a write.
 MINIMUM_FREE_BYTES = 200 * 2**20
+#: What of the data folder is written to besides the database.
+WRITTEN_FOLDERS = ("raw", "recordings", "reports")
 
 
 class HealthOut(BaseModel):
@@ -48,16 +51,23 @@ async def readyz(request: Request, on: ServicesOf) -> HealthOut:
 
 def _require_ready(database: Database, data_dir: Path) -> None:
     database.check()
+    _require_room(data_dir)
+    for folder in (data_dir / name for name in WRITTEN_FOLDERS):
+        if os.path.lexists(folder):  # it is made when it is needed, and may be a volume of its own
+            _require_room(folder)
+
+
+def _require_room(folder: Path) -> None:
     try:
-        with tempfile.TemporaryFile(dir=data_dir) as file:
+        with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"ready")
             file.flush()
-        free = shutil.disk_usage(data_dir).free
+        free = shutil.disk_usage(folder).free
     except OSError as error:
-        raise StorageError(f"the data folder {data_dir} cannot be written: {error.strerror}") from error
+        raise StorageError(f"the data folder {folder} cannot be written: {error.strerror}") from error
     if free < MINIMUM_FREE_BYTES:
         raise BusyError(
-            f"the data folder has {free // 2**20} MiB left; at least {MINIMUM_FREE_BYTES // 2**20} are needed"
+            f"the data folder {folder} has {free // 2**20} MiB left; at least {MINIMUM_FREE_BYTES // 2**20} are needed"
         )
 
 

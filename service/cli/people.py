@@ -16,6 +16,7 @@ from service.operations.access.people import People
 from service.operations.access.scopes import ROLES, Scope
 from service.settings import Settings
 from service.store.database import Database
+from service.store.safekeeping.private import private_folder
 
 SCOPES = [str(scope) for scope in Scope]
 
@@ -26,7 +27,7 @@ _password_stdin = click.option("--password-stdin", is_flag=True, help="Read the 
 def _people(data_dir: Path | None) -> Iterator[People]:
     """Open users and keys of a service, which may be running: it takes note within two seconds."""
     settings = Settings() if data_dir is None else Settings(data_dir=data_dir)
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    private_folder(settings.data_dir)
     database = Database(settings.resolved_database_url())
     try:
         database.migrate()

@@ -16,6 +16,7 @@ from service.operations.purge import Purge
 from service.operations.retention import Rule, rule_of, survey
 from service.settings import Settings
 from service.store.database import Database
+from service.store.safekeeping.private import private_folder
 from service.store.waveform_objects import files_at
 from service.store.waveforms import WaveformStore
 
@@ -26,7 +27,7 @@ _days = click.option("--days", type=click.IntRange(1, 36500), help="As if PRELOA
 def _store(data_dir: Path | None, **more: int) -> Iterator[tuple[Database, WaveformStore, Rule, Path]]:
     """Open the data of a service, which may be running."""
     settings = Settings(**({} if data_dir is None else {"data_dir": data_dir}), **more)  # type: ignore[arg-type]  # pydantic checks them
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    private_folder(settings.data_dir)
     waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
     database = Database(settings.resolved_database_url())
     try:

@@ -17,6 +17,7 @@ from sqlalchemy.orm.exc import StaleDataError
 from service.errors import BusyError, StorageError
 from service.json_types import document_of
 from service.store.safekeeping.database_file import database_file
+from service.store.safekeeping.private import close_to_others
 from service.store.schema import VERSION, bring_up_to_date
 from service.store.service_order import AxisLocks, is_shared, keep_others_out, lock_axis, lock_free_axes, require_schema
 
@@ -261,7 +262,10 @@ def _create_engine(url: str) -> Engine:
         return _server_engine(url)
     database = make_url(url).database
     if database:
-        Path(database).parent.mkdir(parents=True, exist_ok=True)
+        path = Path(database)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for file in path.parent.glob(f"{path.name}*"):  # with its log, which takes the rights of the database
+            close_to_others(file)
     engine = create_engine(
         url,
         pool_size=CONNECTIONS,

@@ -4,6 +4,10 @@ import re
 import sys
 import tomllib
 
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
 from tests.conftest import PROJECT_ROOT
 
 PROJECT = tomllib.loads((PROJECT_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -40,6 +44,16 @@ def test_every_dependency_of_the_package_is_locked():
     assert {normalised(requirement) for requirement in PROJECT["dependencies"]} <= running <= everything
     for extra in PROJECT["optional-dependencies"].values():
         assert {normalised(requirement) for requirement in extra} <= everything
+
+
+def test_every_dependency_is_bounded_by_the_major_version_that_is_tested():
+    tested = dict(re.findall(r"^([\w.-]+)==(\S+)", text_of("requirements/runtime.lock"), flags=re.MULTILINE))
+    extras = PROJECT["optional-dependencies"].items()
+    of_users = [text for name, extra in extras if name not in {"bench", "docs", "dev", "compiled"} for text in extra]
+    for requirement in map(Requirement, [*PROJECT["dependencies"], *of_users]):
+        version = Version(tested[canonicalize_name(requirement.name)])
+        assert version in requirement.specifier
+        assert Version(f"{version.major + 1}") not in requirement.specifier, requirement
 
 
 def test_the_changelog_has_forty_short_lines_at_most_for_each_version():

@@ -20,6 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 from service.clock import now
 from service.errors import DataFolderError, StorageError
 from service.store.recordings import UNDER_WAY
+from service.store.safekeeping.private import private_folder
 from service.store.safekeeping.purge_lock import no_purge
 from service.store.safekeeping.verification import damaged_windows
 from service.store.tables import VERSION_TABLE
@@ -64,8 +65,8 @@ def back_up(data_dir: Path, folder: Path, done: Done) -> Manifest:
 
 
 def _backed_up(data_dir: Path, source: Path, folder: Path, done: Done) -> Manifest:
+    private_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         _copy_database(source, folder / DATABASE)
         done(DATABASE)
         for name in (*_waveform_files(folder / DATABASE), *_reports(data_dir), *_recordings(data_dir)):
@@ -200,6 +201,7 @@ def restore(folder: Path, data_dir: Path, done: Done, *, despite_damage: bool = 
     if wrong and not despite_damage:
         more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
         raise DataFolderError(f"the backup {folder} is damaged: {wrong[0]}{more}; nothing was restored")
+    private_folder(data_dir)
     try:
         for name in sorted(manifest.files, key=lambda name: name == DATABASE):
             if (folder / name).is_file():

@@ -28,7 +28,7 @@ class DatabaseFile:
         name = self.path.with_name(self.path.name + ".lock")
         try:
             name.parent.mkdir(parents=True, exist_ok=True)
-            lock = os.open(name, os.O_RDWR | os.O_CREAT, 0o644)
+            lock = os.open(name, os.O_RDWR | os.O_CREAT, 0o600)
         except OSError as error:
             raise StorageError(f"the data folder {self.path.parent} cannot be written: {error.strerror}") from error
         try:

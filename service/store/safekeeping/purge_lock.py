@@ -22,7 +22,7 @@ _IN_DATABASE = 7102027
 def no_purge(data_dir: Path) -> Iterator[None]:
     """Wait until no purge is at work on a data folder, and let none begin meanwhile."""
     try:
-        lock = os.open(data_dir / LOCK_FILE, os.O_RDONLY | os.O_CREAT, 0o644)
+        lock = os.open(data_dir / LOCK_FILE, os.O_RDONLY | os.O_CREAT, 0o600)
     except OSError:  # a folder that cannot be written is not purged either
         yield
         return
@@ -36,7 +36,7 @@ def no_purge(data_dir: Path) -> Iterator[None]:
 @contextmanager
 def purging(database: Database, data_dir: Path) -> Iterator[bool]:
     """Yield whether files may be removed now; if not, a backup or another purge is at work."""
-    lock = os.open(data_dir / LOCK_FILE, os.O_RDONLY | os.O_CREAT, 0o644)
+    lock = os.open(data_dir / LOCK_FILE, os.O_RDONLY | os.O_CREAT, 0o600)
     try:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
