@@ -5,7 +5,7 @@ narrow enough to look for the mode in: it is replaced by the calibration.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final
@@ -40,6 +40,8 @@ NEARLY_LOST, OVERLOADED = 0.1, 1.5
 #: Half width of the band in standard deviations of what the tolerances do to the frequency.
 _REACH: Final = 2.0
 _STEP: Final = 0.05  # of ln(parameter), for the derivatives
+#: Longest screw in diameters: catalogues end at 80.
+_MOST_SLENDER: Final = 200.0
 
 
 class NutKind(StrEnum):
@@ -77,6 +79,12 @@ class CatalogueData:
     preload: float | None = None  # as it was set; None: what makers set [N]
 
     def __post_init__(self) -> None:
+        longest = _MOST_SLENDER * self.screw_diameter
+        if 0.0 < longest < self.screw_length:
+            raise OutsideValidityError(
+                f"a screw of {self.screw_diameter:g} m diameter is expected to be at most {longest:g} m long, or it "
+                f"would not stay straight; got {self.screw_length:g} m"
+            )
         highest = 0.1 * self.dynamic_load_rating
         if self.preload is not None and not 0.0 < self.preload <= highest:
             raise OutsideValidityError(
@@ -171,15 +179,14 @@ def expected_mode(drive: CatalogueDrive, motor_end: MotorEnd) -> ExpectedMode:
     p, places = drive.parameters, np.linspace(0.1, 0.9, 5) * drive.parameters.screw_length
     rating = p.dynamic_load_rating or math.inf
     forces = (drive.preload, NEARLY_LOST * drive.preload, min(OVERLOADED * drive.preload, 0.1 * rating))
-    set_to, lost, raised = (
-        np.array([_first_frequency(p, float(x), force, motor_end) for x in places]) for force in forces
-    )
-    middle = float(np.median(places))
-    at_middle = math.log(_first_frequency(p, middle, drive.preload, motor_end))
+    under = [DriveConditions(float(place), force) for force in forces for place in places]
+    set_to, lost, raised = _first_frequencies(p, under, motor_end).reshape(len(forces), places.size)
+    middle = DriveConditions(float(np.median(places)), drive.preload)
+    (at_middle,) = np.log(_first_frequencies(p, [middle], motor_end))
     variance = 0.0
     for name, share in _by_field(drive).items():
         moved = replace(p, **{name: getattr(p, name) * math.exp(_STEP)})
-        slope = (math.log(_first_frequency(moved, middle, drive.preload, motor_end)) - at_middle) / _STEP
+        slope = float(np.log(_first_frequencies(moved, [middle], motor_end))[0] - at_middle) / _STEP
         variance += (slope * share) ** 2
     factor = math.exp(_REACH * math.sqrt(variance))
     return ExpectedMode(places, set_to, lost / factor, raised * factor)
@@ -191,6 +198,18 @@ def _by_field(drive: CatalogueDrive) -> dict[str, float]:
     return {fields[name]: share for name, share in drive.uncertain.items()}
 
 
-def _first_frequency(parameters: ReceptanceParameters, position: float, preload: float, motor_end: MotorEnd) -> float:
-    modes = ExtendedModel.of(parameters).natural_frequencies(DriveConditions(position, preload), motor_end)
-    return next(mode.frequency for mode in modes if mode.frequency > 0.0)
+def _first_frequencies(
+    parameters: ReceptanceParameters, conditions: Sequence[DriveConditions], motor_end: MotorEnd
+) -> FloatArray:
+    """Return the first natural frequency under each condition [Hz]; OutsideValidityError where there is none."""
+    model = ExtendedModel.of(parameters)
+    elastic = [
+        [mode.frequency for mode in modes if mode.frequency > 0.0]
+        for modes in model.natural_frequencies_under(conditions, motor_end)
+    ]
+    if not all(elastic):
+        raise OutsideValidityError(
+            f"expected an axis with a natural frequency below {model.highest_frequency:g} Hz; got one without: its "
+            "screw is too short, or its mass too small"
+        )
+    return np.array([frequencies[0] for frequencies in elastic])

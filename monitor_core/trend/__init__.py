@@ -9,6 +9,11 @@ from monitor_core.trend.bootstrap import (
     healthy_sessions as healthy_sessions,
 )
 from monitor_core.trend.charts import (
+    LEAST_MEASUREMENTS as LEAST_MEASUREMENTS,
+    LEAST_RATE as LEAST_RATE,
+    MOST_BASELINE as MOST_BASELINE,
+    MOST_MEASUREMENTS as MOST_MEASUREMENTS,
+    MOST_RATE as MOST_RATE,
     DetectionDelay as DetectionDelay,
     DetectorDesign as DetectorDesign,
     DetectorSettings as DetectorSettings,

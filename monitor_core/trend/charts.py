@@ -239,6 +239,13 @@ def _require_positive(limit: float) -> None:
 
 #: Most sessions that a year is counted with: one a day.
 SESSIONS_PER_YEAR = 365.0
+#: Rates that limits are sought for [1/year]: from one false alarm a year of a million axes, beyond which the tails that
+#: the tables rest on are nobody's, to one in every session.
+LEAST_RATE, MOST_RATE = 1e-6, SESSIONS_PER_YEAR
+#: Measurements of a year: an axis that is measured less than once has no baseline in its life; one a second at most.
+LEAST_MEASUREMENTS, MOST_MEASUREMENTS = 1.0, 3.2e7
+#: Sessions of a baseline: the scatter of fewer is not known, and more than three years of them are never learnt.
+LEAST_BASELINE, MOST_BASELINE = 3, 1000
 #: Reference of the CUSUM: a quarter finds slow wear soonest.
 CUSUM_REFERENCE = 0.25
 #: EWMA weight: remembers about the last ten sessions.
@@ -280,11 +287,14 @@ class DetectorSettings:
     loss: LossDirection = LossDirection.FALL
 
     def __post_init__(self) -> None:
-        for name in ("false_alarms_per_year", "false_alerts_per_year", "measurements_per_year"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise OutsideValidityError(f"{name} must be positive and finite; got {getattr(self, name)}")
-        if self.baseline_size < 3:
-            raise OutsideValidityError(f"baseline_size must be at least 3; got {self.baseline_size}")
+        for name, least, most in (
+            ("false_alarms_per_year", LEAST_RATE, MOST_RATE),
+            ("false_alerts_per_year", LEAST_RATE, MOST_RATE),
+            ("measurements_per_year", LEAST_MEASUREMENTS, MOST_MEASUREMENTS),
+            ("baseline_size", LEAST_BASELINE, MOST_BASELINE),
+        ):
+            if not least <= getattr(self, name) <= most:
+                raise OutsideValidityError(f"{name} must be {least:g} to {most:g}; got {getattr(self, name)}")
 
     @property
     def sessions_per_year(self) -> float:
@@ -332,7 +342,7 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
     def shewhart_alarms(limit: float) -> float:
         return n_sessions / float(shewhart_run_length(limit, consecutive=SHEWHART_CONSECUTIVE))
 
-    shewhart_limit = _solve(shewhart_alarms, SHEWHART_SHARE * settings.false_alarms_per_year)
+    shewhart_limit = _solve(shewhart_alarms, settings.false_alarms_per_year, SHEWHART_SHARE)
 
     def all_alarms(limit: float) -> float:
         run_length = cusum_run_length(
@@ -340,7 +350,7 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
         )
         return n_sessions / float(run_length)
 
-    cusum_limit = _solve(all_alarms, (1.0 - EVIDENCE_SHARE) * settings.false_alarms_per_year)
+    cusum_limit = _solve(all_alarms, settings.false_alarms_per_year, 1.0 - EVIDENCE_SHARE)
     evidence_limit = math.log(n_sessions / settings.false_alarms_per_year)
     design = DetectorDesign(settings, CUSUM_REFERENCE, cusum_limit, shewhart_limit, LOWEST_EWMA_LIMIT, evidence_limit)
 
@@ -353,15 +363,23 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
     return replace(design, ewma_limit=_solve(alerts, settings.false_alerts_per_year))
 
 
-def _solve(expected_number: Callable[[float], float], wanted: float) -> float:
-    """Find the limit at which a falling expectation meets the wanted number."""
-    lower, upper = 0.5, 1.0
-    while expected_number(lower) < wanted:
-        lower *= 0.5
-        if lower < 1e-3:
-            raise OutsideValidityError(f"no limit gives as many as {wanted:g} false alarms in a year; ask for fewer")
-    while expected_number(upper) > wanted:
-        lower, upper = upper, 1.5 * upper
+#: Limits that are tried, from the middle down and up [standard deviations]. At the smallest rate, one session in
+#: 3.65e8, the limit of the CUSUM is 35.
+_LOWER_LIMITS = tuple(0.5 * 0.5**i for i in range(9))
+_UPPER_LIMITS = tuple(1.5**i for i in range(12))
+
+
+def _solve(expected_number: Callable[[float], float], rate: float, share: float = 1.0) -> float:
+    """Find the limit at which a falling expectation meets this share of the rate."""
+    wanted = share * rate
+    lower = next((limit for limit in _LOWER_LIMITS if expected_number(limit) >= wanted), None)
+    if lower is None:
+        raise OutsideValidityError(f"no limit gives as many as {rate:g} false alarms in a year; ask for fewer")
+    upper = next((limit for limit in _UPPER_LIMITS if expected_number(limit) <= wanted), None)
+    if upper is None:
+        raise OutsideValidityError(f"no limit gives as few as {rate:g} false alarms in a year; ask for more")
+    if upper > 1.0:
+        lower = upper / 1.5
     # the logarithm is nearly straight in the limit; an expectation of exactly 0 lies far below every wanted number
     return float(
         scipy.optimize.brentq(lambda x: math.log(max(expected_number(x), 1e-300) / wanted), lower, upper, xtol=1e-3)

@@ -15,7 +15,20 @@ from service.api.services import ServicesOf
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.analysis_job import MeasurementRange
-from service.operations.fields import AnswerModel, AxisId, Number, RequestModel, RowId, Text, exactly_one_of
+from service.operations.fields import (
+    AnswerModel,
+    AxisId,
+    Frequency,
+    Payload,
+    Place,
+    RequestModel,
+    RowId,
+    ScatterHz,
+    SetPreload,
+    Temperature,
+    Text,
+    exactly_one_of,
+)
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.rejudgements import RejudgementIn
 from service.store.tables import CalibrationRow
@@ -26,13 +39,13 @@ router = APIRouter(prefix="/v1", tags=["calibrations"])
 class ReadingIn(RequestModel):
     """One row of a modal table."""
 
-    position_mm: Annotated[Number, Field(ge=-100_000, le=100_000)]
-    preload_n: Annotated[Number, Field(gt=0, le=1e7)]
-    frequency_hz: Annotated[Number, Field(gt=0, le=1e6)]
-    frequency_std_hz: Annotated[Number, Field(gt=0, le=1e6)] | None = None
+    position_mm: Place
+    preload_n: SetPreload
+    frequency_hz: Frequency
+    frequency_std_hz: ScatterHz | None = None
     n_readings: Annotated[int, Field(ge=1, le=1_000_000)] = 1
-    payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
-    temperature_c: Annotated[Number, Field(gt=-273.15, le=1000)] | None = None
+    payload_kg: Payload | None = None
+    temperature_c: Temperature | None = None
 
     def to_core(self) -> ModalReading:
         """Return the core's record, in SI units."""

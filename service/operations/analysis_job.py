@@ -15,7 +15,7 @@ from monitor_core.recordings.elements.units import metres
 from service.errors import UnknownResourceError
 from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
-from service.operations.fields import Moment, Number, RequestModel
+from service.operations.fields import Frequency, Moment, Number, Payload, Place, RequestModel, ScatterHz, SetPreload
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
 from service.operations.monitoring.stored_modes import measured_with_windows
 from service.operations.own_process import Progress, Report, in_own_process
@@ -43,12 +43,12 @@ class MeasurementRange(RequestModel):
 class PeakIn(RequestModel):
     """One measured peak of the table's receptance."""
 
-    position_mm: Annotated[Number, Field(ge=-100_000, le=100_000)]
-    frequency_hz: Annotated[Number, Field(gt=0, le=1e6)]
-    frequency_standard_uncertainty_hz: Annotated[Number, Field(gt=0, le=1e6)] | None = None
-    amplitude_m_per_n: Annotated[Number, Field(gt=0, le=1)] | None = None
-    preload_n: Annotated[Number, Field(gt=0, le=1e7)] | None = None
-    payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
+    position_mm: Place
+    frequency_hz: Frequency
+    frequency_standard_uncertainty_hz: ScatterHz | None = None
+    amplitude_m_per_n: Annotated[Number, Field(ge=1e-18, le=1)] | None = None
+    preload_n: SetPreload | None = None
+    payload_kg: Payload | None = None
 
     def to_core(self) -> "ModalObservation":
         """Return the core's record, in SI units."""
@@ -94,7 +94,7 @@ class AnalysisArguments(RequestModel):
 
     measurements: MeasurementRange | None = None
     peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
-    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(default=[])
+    hold_out_mm: Annotated[list[Place], Field(max_length=100)] = Field(default=[])
     accelerometer: AccelerometerPlace | None = None
 
     @model_validator(mode="after")

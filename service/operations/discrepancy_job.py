@@ -11,7 +11,7 @@ from service.operations.analysis_job import (
     Answer,
     Measured,
 )
-from service.operations.fields import Number, exactly_one_of
+from service.operations.fields import Number, Place, exactly_one_of
 from service.operations.own_process import Progress, Report
 from service.store import jobs
 from service.store.database import Database
@@ -40,12 +40,12 @@ class DiscrepancyIn(AnalysisArguments):
     first = Progress(1, None, "reading what was measured")
 
     baseline: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
-    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
+    hold_out_mm: Annotated[list[Place], Field(max_length=100)] = Field(
         default=[],
         description="positions that the fit does not see and is judged by; without any, two inner ones of five or "
         "more, else each of four preloads or more in turn",
     )
-    time_limit_s: Annotated[Number, Field(gt=0, le=86_400)] | None = Field(
+    time_limit_s: Annotated[Number, Field(ge=1e-3, le=86_400)] | None = Field(
         default=None,
         description="after it the best answer so far is given, partial or unknown, with what was not tried",
     )

@@ -63,15 +63,29 @@ def exactly_one_of(*names: str) -> list[JsonValue]:
 
 
 Number = Annotated[float, Strict(), AllowInfNan(False)]
-Positive = Annotated[Number, Field(gt=0)]
 
+#: What a number of a kind can be, wherever it is sent: searches rest on it. No machine is near either end.
+HERTZ = Field(ge=1e-3, le=1e6)  # slower: a window is over before one swing; faster: no accelerometer follows
+SCATTER_HZ = Field(ge=1e-9, le=1e6)  # a clock does not tell frequencies nearer to each other than this
+NEWTONS = Field(ge=1e-3, le=1e7)  # less than the weight of a screw's grease; more than the screw of a press bears
+KILOGRAMS = Field(ge=1e-3, le=1e6)  # a screw of a few grams; the table of the largest portal
+MILLIMETRES = Field(ge=-100_000, le=100_000)  # 100 m to either side
+LENGTH_MM = Field(ge=1e-3, le=1e5)  # an encoder sees no less
+SECONDS = Field(ge=1e-3, le=1e7)  # four months
+HOURS = Field(ge=1e-3, le=1e7)  # longer than any machine stands
+
+Frequency = Annotated[Number, HERTZ]
+ScatterHz = Annotated[Number, SCATTER_HZ]
+JointLimit = Annotated[Number, Field(ge=1e-12, le=1e15)]  # from a damping ratio to a stiffness [SI]
+Mass = Annotated[Number, KILOGRAMS]
+Place = Annotated[Number, MILLIMETRES]
 #: What is said of a window, however it is sent.
-SampleRate = Annotated[Number, Field(gt=0, le=1e6)]
-Position = Annotated[Number, Field(ge=-100_000, le=100_000, description="from the fixed bearing")]
+SampleRate = Frequency
+Position = Annotated[Place, Field(description="from the fixed bearing")]
 PositionSpan = Annotated[Number, Field(ge=0, le=100_000, description="travel during the window")]
 Payload = Annotated[Number, Field(ge=0, le=1e6)]
 Temperature = Annotated[Number, Field(gt=-273.15, le=1000)]
-SetPreload = Annotated[Number, Field(gt=0, le=1e7)]
+SetPreload = Annotated[Number, NEWTONS]
 #: A window may hold so many samples: 41 s at 25.6 kHz. What is computed of one takes several times its room.
 MOST_SAMPLES = 2**20
 

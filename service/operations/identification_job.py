@@ -11,7 +11,7 @@ from service.operations.analysis_job import (
     Answer,
     Measured,
 )
-from service.operations.fields import Number, exactly_one_of
+from service.operations.fields import Frequency, JointLimit, Place, ScatterHz, SetPreload, exactly_one_of
 from service.operations.own_process import Progress, Report
 
 if TYPE_CHECKING:
@@ -25,12 +25,12 @@ class PredictionIn(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     mode_hz: Annotated[
-        tuple[Annotated[Number, Field(gt=0, le=1e6)], Annotated[Number, Field(gt=0, le=1e6)]],
+        tuple[Frequency, Frequency],
         Field(description="holds the mode that will be monitored, alone at every position and preload"),
     ]
-    preload_n: Annotated[Number, Field(gt=0, le=1e7)]
-    preload_standard_uncertainty_n: Annotated[Number, Field(gt=0, le=1e7)]
-    scatter_hz: Annotated[Number, Field(gt=0, le=1e6, description="between measurements of one setting")]
+    preload_n: SetPreload
+    preload_standard_uncertainty_n: SetPreload
+    scatter_hz: Annotated[ScatterHz, Field(description="between measurements of one setting")]
     excitation_source: Literal["sensor", "drive"] = "sensor"
 
     def to_core(self) -> "PredictionRequest":
@@ -59,10 +59,10 @@ class IdentificationIn(AnalysisArguments):
     first = Progress(0)
 
     model: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
-    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
+    hold_out_mm: Annotated[list[Place], Field(max_length=100)] = Field(
         default=[], description="positions that the fit does not see and is judged by; without any, each in turn"
     )
-    limits: dict[str, tuple[Number, Number]] = Field(
+    limits: dict[str, tuple[JointLimit, JointLimit]] = Field(
         default={}, max_length=20, description="lower and upper limit of a free joint, by its name in the model"
     )
     objective: Literal["weighted", "eq-26"] = "weighted"

@@ -102,7 +102,7 @@ def test_it_works_by_keyboard(fresh_service: Site, visit: Visit) -> None:
         ({"name": "normal"}, "an axis 'normal' is registered already"),
         ({"name": "new"}, "choose another name"),
         ({"name": "***"}, "name: "),
-        ({"name": "X", "screw_diameter_mm": "0"}, "screw_diameter_mm: Input should be greater than 0; got '0'"),
+        ({"name": "X", "screw_diameter_mm": "0"}, "screw_diameter_mm: Input should be greater than or equal to 1"),
         ({"name": "X", "screw_lead_mm": "six"}, "screw_lead_mm"),
     ],
 )

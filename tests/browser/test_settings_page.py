@@ -96,7 +96,7 @@ def test_the_second_is_told_what_the_first_changed(fresh_service: Site, visit: V
     ("label", "typed", "sentence"),
     [
         ("False alarms a year", "few", "false_alarms_per_year: expected a number; got 'few'"),
-        ("False alarms a year", "-1", "false_alarms_per_year: Input should be greater than 0"),
+        ("False alarms a year", "-1", "false_alarms_per_year: Input should be greater than or equal to 0.000001"),
         ("Windows of a measurement", "2.5", "windows_per_measurement: Input should be a valid integer"),
         ("Windows of a measurement", "inf", "windows_per_measurement: Input should be"),
         ("Search band from, in Hz", "", "expected both ends of the band, or neither; got one of them"),

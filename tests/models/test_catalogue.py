@@ -15,6 +15,7 @@ from monitor_core.models.catalogue import (
     drive_from_catalogue,
     expected_mode,
 )
+from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.published.receptance import ReceptanceModel
 from tests.conftest import PROJECT_ROOT
 
@@ -74,9 +75,22 @@ def test_makers_preload_double_nuts_higher() -> None:
     [
         ({"preload": 401.0}, "at most 10 % of the dynamic load rating, 400 N; got 401 N"),
         ({"screw_diameter": 0.0}, "screw_diameter_m must be positive"),
+        ({"screw_length": 100.0}, "at most 4 m long, or it would not stay straight; got 100 m"),
         ({"moved_mass": math.nan}, "table_mass_kg must be positive"),
     ],
 )
 def test_what_is_no_axis_is_refused_in_a_sentence(change, sentence) -> None:
     with pytest.raises(OutsideValidityError, match=sentence):
         drive_from_catalogue(replace(NGUYEN, **change))
+
+
+def test_a_drive_without_a_mode_that_could_be_watched_is_refused_in_a_sentence() -> None:
+    short = drive_from_catalogue(replace(NGUYEN, screw_length=0.001))
+    with pytest.raises(OutsideValidityError, match="a natural frequency below 2000 Hz; got one without"):
+        expected_mode(short, MotorEnd.PRESCRIBED)
+
+
+def test_a_screw_with_a_crowd_of_modes_is_refused_before_they_are_sought() -> None:
+    soft = replace(drive_from_catalogue(NGUYEN).parameters, shear_modulus=1e-3)
+    with pytest.raises(OutsideValidityError, match="at most 500 half waves below 2000 Hz; got"):
+        ExtendedModel.of(soft).natural_frequencies(DriveConditions(0.5, 300.0))

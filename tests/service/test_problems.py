@@ -43,7 +43,7 @@ BAD_WINDOWS: dict[str, tuple[dict[str, Any], str, str]] = {
     "date alone": (changed(started_at="2026-03-02"), "/started_at", "RFC 3339"),
     "time before all conversions": (changed(started_at="0001-01-01T00:00:00+14:00"), "/started_at", "from 1970"),
     "time after all conversions": (changed(started_at="9999-12-31T23:59:59-14:00"), "/started_at", "from 1970"),
-    "negative rate": (changed(sample_rate_hz=-1.0), "/sample_rate_hz", "greater than 0; got -1.0"),
+    "negative rate": (changed(sample_rate_hz=-1.0), "/sample_rate_hz", "greater than or equal to 0.001; got -1.0"),
     "number as text": (changed(position_mm="500"), "/position_mm", "valid number; got '500'"),
     "boolean as number": (changed(payload_kg=True), "/payload_kg", "valid number; got True"),
     "unit of another quantity": (changed(excitation_unit="N"), "body", "must be N.m; got N"),
@@ -117,7 +117,7 @@ REFUSED: dict[str, tuple[str, str, Any, int, str, str]] = {
     "name of an axis": ("PUT", "/v1/axes/a%00b", {"name": "x"}, 422, "invalid-request", "/path/axis"),
     "configuration": ("PUT", "/v1/axes/axis", {"name": "x", "configuration": {"search_band_hz": [230, 140]}}, 422, "invalid-request", "low < high"),
     "unknown setting": ("PUT", "/v1/axes/axis", {"name": "x", "configuration": {"colour": 1}}, 422, "invalid-request", "/configuration/colour"),
-    "impossible rate": ("PUT", "/v1/axes/axis", {"name": "x", "configuration": {"false_alarms_per_year": 1e6}}, 422, "outside-validity", "ask for fewer"),
+    "impossible rate": ("PUT", "/v1/axes/axis", {"name": "x", "configuration": {"false_alarms_per_year": 200}}, 422, "outside-validity", "ask for fewer"),
     "more averages than windows": ("PUT", "/v1/axes/axis", {"name": "x", "configuration": {"minimum_averages": 20}}, 422, "invalid-request", "minimum_averages (20)"),
     "unknown measurement": ("GET", "/v1/axes/axis/measurements/99", None, 404, "unknown-resource", "no measurement 99"),
     "measurement beyond all rows": ("GET", f"/v1/axes/axis/measurements/{10**30}", None, 422, "invalid-request", "/path/measurement"),
@@ -223,7 +223,7 @@ def test_table_from_error_to_status() -> None:
     ("settings", "sentence"),
     [
         ({"search_band_hz": (230, 140)}, "search_band_hz must be [low, high] with low < high; got [230.0, 140.0]"),
-        ({"false_alarms_per_year": -1}, "false_alarms_per_year: Input should be greater than 0; got -1"),
+        ({"false_alarms_per_year": -1}, "false_alarms_per_year: Input should be greater than or equal to 0.000001; got -1"),
         ({"machine": "\n"}, "machine: String should match pattern '^[^\\x00-\\x1f\\x7f]+$'; got '\\n'"),
     ],
 )

@@ -13,6 +13,7 @@ from scipy import stats
 from benchmarks.false_alarms import ROWS, alarms_of, delay_of, observations
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import (
+    LEAST_RATE,
     Chart,
     DetectorSettings,
     DetectorState,
@@ -26,6 +27,7 @@ from monitor_core.trend import (
     step,
 )
 from monitor_core.trend.bootstrap import ChartedSession, charted_sessions, found_rate
+from monitor_core.trend.charts import cusum_run_length
 from tests.conftest import canary
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
@@ -391,11 +393,30 @@ def test_a_state_is_never_changed(watching):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"false_alarms_per_year": 0.0}, {"measurements_per_year": math.nan}, {"baseline_size": 2}]
+    "wrong",
+    [
+        {"false_alarms_per_year": 1e-9},
+        {"false_alarms_per_year": 366.0},
+        {"measurements_per_year": math.nan},
+        {"measurements_per_year": 0.5},
+        {"baseline_size": 2},
+    ],
 )
 def test_settings_that_cannot_be_met_are_refused(wrong):
     with pytest.raises(OutsideValidityError, match="must be"):
         DetectorSettings(**wrong)
+
+
+@pytest.mark.parametrize("sessions", [1.0, 365.0])
+def test_the_smallest_rate_has_limits_that_give_it(sessions):
+    strictest = design(false_alarms_per_year=LEAST_RATE, measurements_per_year=sessions)
+    run_length = cusum_run_length(
+        strictest.cusum_limit,
+        reference=strictest.cusum_reference,
+        largest_increment=strictest.largest_increment,
+        confirmed_limit=strictest.shewhart_limit,
+    )
+    assert sessions / run_length == pytest.approx(0.9 * LEAST_RATE, rel=1e-2)  # limits are solved to 1e-3
 
 
 def test_monthly_inspections_can_be_designed_for_and_an_alarm_at_each_cannot():

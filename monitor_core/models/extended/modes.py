@@ -40,6 +40,8 @@ Index = npt.NDArray[np.intp]
 
 #: Largest step of the damping, and the smallest before a pole is given up, as shares of the damping.
 _LARGEST_DEGREE, _SMALLEST_DEGREE = 0.5, 2.0**-14
+#: Steps until the whole damping is there; drives that oscillate take less than fifty.
+_MOST_STEPS = 200
 #: Largest move of a pole in one step, as a share of its distance to the next one, and of its own magnitude.
 _FOLLOWED, _LARGEST_MOVE = 0.1, 0.05
 
@@ -63,21 +65,23 @@ def follow_damping(drives_with: Callable[[float], Drives], omega: ComplexArray, 
     ``drives_with`` returns the drives with a share of their damping.
     """
     share, degree = 0.0, _LARGEST_DEGREE
-    while share < 1.0:
+    for _ in range(_MOST_STEPS):
         degree = min(degree, 1.0 - share)
         after = _newton(drives_with(share + degree), omega, condition)
         room = np.minimum(_room(omega, condition), _room(after, condition))
         if np.all(np.abs(after - omega) <= room):  # not where it is nan
             omega, share, degree = after, share + degree, min(2.0 * degree, _LARGEST_DEGREE)
+            if share >= 1.0:
+                return omega
         elif degree > _SMALLEST_DEGREE:
             degree *= 0.5
         else:
-            lost = float(np.abs(omega[np.argmin(room - np.abs(after - omega))])) / (2.0 * math.pi)
-            raise OutsideValidityError(
-                f"the mode near {lost:.6g} Hz is damped so strongly that it ceases to oscillate or meets another one, "
-                f"at {share:.3%} of its damping; this model needs underdamped modes"
-            )
-    return omega
+            break
+    lost = float(np.abs(omega[np.argmin(room - np.abs(after - omega))])) / (2.0 * math.pi)
+    raise OutsideValidityError(
+        f"the mode near {lost:.6g} Hz is damped so strongly that it ceases to oscillate or meets another one, "
+        f"at {share:.3%} of its damping; this model needs underdamped modes"
+    )
 
 
 def _room(omega: ComplexArray, condition: Index) -> FloatArray:
@@ -95,6 +99,8 @@ def _newton(drives: Drives, start: ComplexArray, condition: Index) -> ComplexArr
 
 #: Lines of the grid per half wave of the screw, and at least. Poles of one part must not lie closer than two lines.
 _PER_HALF_WAVE, _FEWEST_LINES = 40.0, 400
+#: Half waves of the screw that are followed: a screw of 20 m has 50 below 2 kHz.
+_MOST_HALF_WAVES = 500
 #: Where the search begins, as a share of the highest frequency; slower is the rigid body.
 _LOWEST = 1e-6
 #: Relative distance from which a natural frequency is distinguished from a pole of a part.
@@ -245,7 +251,13 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     slowness = math.sqrt(screw.axial_mass_share * screw.mass_per_length / screw.axial_rigidity) + math.sqrt(
         screw.torsion_share * screw.torsional_inertia_share * screw.inertia_per_length / screw.torsional_rigidity
     )
-    n_lines = max(_FEWEST_LINES, math.ceil(_PER_HALF_WAVE * highest * slowness * screw.length / math.pi))
+    half_waves = highest * slowness * screw.length / math.pi
+    if not half_waves <= _MOST_HALF_WAVES:
+        raise OutsideValidityError(
+            f"expected a screw with at most {_MOST_HALF_WAVES} half waves below {highest / (2.0 * math.pi):g} Hz; got "
+            f"{half_waves:.3g}: it is too long, too soft or too heavy"
+        )
+    n_lines = max(_FEWEST_LINES, math.ceil(_PER_HALF_WAVE * half_waves))
     grid = np.linspace(_LOWEST * highest, highest, n_lines)
     within = next((name for name in _WITHIN_PARTS if getattr(added, name)), None)
     if within is not None:  # poles with it lie between those without it and its own, one between each two (Rayleigh)

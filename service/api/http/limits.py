@@ -1,6 +1,7 @@
 """Take requests in time and within bounds, and let no sender take every place.
 
 A body is read here, whole, before its request gets one of the places at work: who sends slowly keeps nobody waiting.
+Whatever is no windows is answered in the places of readers.
 A recording is larger than memory may be: its route takes it part by part, within the same time, in places of its own.
 
 Speak HTTP/1.1 with one client, and close connections whose request headers do not come to an end.
@@ -21,6 +22,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from service.api.http.problems import problem
+from service.api.http.readers import ReaderPlaces
 from service.errors import BodyTooLargeError, BodyTooSlowError
 
 MOST_HEADER_BYTES = 64 * 2**10
@@ -57,6 +59,7 @@ class RequestLimits:
         largest_recording: int = 0,
     ) -> None:
         self._app = app
+        self._readers = ReaderPlaces(app)
         self._largest_streamed = largest_recording + ROOM_AROUND_FILES
         self._streamed: Counter[str] = Counter()  # under way, by sender
         self._largest_body = largest_body  # of windows
@@ -77,12 +80,13 @@ class RequestLimits:
             await problem(431, "headers-too-large", detail)(scope, receive, send)
             return
         if scope["method"] in _WITHOUT_BODY:
-            await self._app(scope, receive, send)
+            await self._readers.serve(scope, receive, send, receive)
             return
         if scope["method"] == "POST" and STREAMED.fullmatch(scope["path"]):
             await self._stream(scope, receive, send)
             return
-        largest = self._largest_body if scope["path"].endswith("/windows") else self._largest_document
+        of_windows = scope["path"].endswith("/windows")
+        largest = self._largest_body if of_windows else self._largest_document
         body, sender = _Body(receive, largest), (scope.get("client") or ("",))[0]
         try:
             refusal = await self._arrive(body, Headers(scope=scope)) or self._without_place(sender)
@@ -91,7 +95,10 @@ class RequestLimits:
                 return
             self._at_work[sender] += 1
             try:
-                await self._app(scope, body.handed_over, send)
+                if of_windows:
+                    await self._app(scope, body.handed_over, send)
+                else:
+                    await self._readers.serve(scope, body.handed_over, send, receive)
             finally:
                 self._at_work[sender] -= 1
         except ClientDisconnect:

@@ -3,12 +3,14 @@
 For ``preload demo`` and the tests a service runs inside this process: real HTTP on a free loopback port.
 """
 
+import faulthandler
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, contextmanager
 from socket import socket
+from types import FrameType
 
 import click
 import uvicorn
@@ -49,7 +51,9 @@ def embedded_service(settings: Settings) -> Iterator[str]:
 
 
 #: Requests under way at a stop may take so long; what they did not get acknowledged they send again.
-GRACE_S = 10
+GRACE_S = 5
+#: So long after it was told to stop the process ends, whatever runs in it: it is written to be killed at any moment.
+ENDS_WITHIN_S = 9
 
 
 class Server(uvicorn.Server):
@@ -82,6 +86,12 @@ class Server(uvicorn.Server):
         self._app = app
         self._announce = announce
         self._opened = AsyncExitStack()
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to stop when the system says so; a thread that does not end is named in the log, and ends nothing."""
+        if not self.should_exit:
+            faulthandler.dump_traceback_later(ENDS_WITHIN_S, exit=True)
+        super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket] | None = None) -> None:
         """Open the application, listen, say so."""

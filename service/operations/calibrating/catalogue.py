@@ -8,7 +8,7 @@ from pydantic import Field
 
 from monitor_core.models import MotorEnd
 from monitor_core.recordings.elements.units import metres
-from service.operations.fields import RequestModel
+from service.operations.fields import KILOGRAMS, RequestModel
 
 if TYPE_CHECKING:
     from monitor_core.models.catalogue import CatalogueData, ExpectedMode
@@ -17,14 +17,15 @@ if TYPE_CHECKING:
 class CatalogueIn(RequestModel):
     """What a catalogue and a scale say of an axis; the defaults are a small milling machine's."""
 
-    screw_diameter_mm: Annotated[float, Field(gt=0, le=1000)] = 20.0
-    screw_lead_mm: Annotated[float, Field(gt=0, le=1000)] = 6.0
-    screw_length_mm: Annotated[float, Field(gt=0, le=100_000, description="between the bearings")] = 971.0
-    moved_mass_kg: Annotated[float, Field(gt=0, le=1e6, description="table, nut and what is fixed to them")] = 22.0
+    # catalogues have screws from 1 mm to 160 mm of diameter, up to 15 m long; the modes of a longer one are a crowd
+    screw_diameter_mm: Annotated[float, Field(ge=1, le=1000)] = 20.0
+    screw_lead_mm: Annotated[float, Field(ge=0.1, le=1000)] = 6.0
+    screw_length_mm: Annotated[float, Field(ge=10, le=20_000, description="between the bearings")] = 971.0
+    moved_mass_kg: Annotated[float, KILOGRAMS, Field(description="table, nut and what is fixed to them")] = 22.0
     nut_stiffness_n_per_um: Annotated[
-        float, Field(gt=0, le=1e6, description="rigidity of the catalogue, at a preload of 10 % of the load rating")
+        float, Field(ge=0.01, le=1e5, description="rigidity of the catalogue, at a preload of 10 % of the load rating")
     ] = 470.0
-    dynamic_load_rating_n: Annotated[float, Field(gt=0, le=1e8)] = 4000.0
+    dynamic_load_rating_n: Annotated[float, Field(ge=1, le=1e8)] = 4000.0
     nut: Literal["double", "oversize-balls"] = "double"
     bearings: Literal["fixed-free", "fixed-supported", "fixed-fixed"] = "fixed-supported"
     excitation_source: Literal["sensor", "drive"] = "sensor"

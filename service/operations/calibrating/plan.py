@@ -21,7 +21,7 @@ from monitor_core.preload import (
 from monitor_core.recording import Conditions, ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_from_document
 from monitor_core.recordings.elements.units import metres, to_millimetres
-from service.operations.fields import RequestModel
+from service.operations.fields import MILLIMETRES, NEWTONS, RequestModel
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
@@ -49,10 +49,10 @@ Source = Literal["measured", "calibration", "model", "none"]
 class PlanIn(RequestModel):
     """Over which positions and preloads; what is left out follows from the axis."""
 
-    from_mm: Annotated[float, Field(ge=-100_000, le=100_000)] | None = None
-    to_mm: Annotated[float, Field(ge=-100_000, le=100_000)] | None = None
-    highest_n: Annotated[float, Field(gt=0, le=1e7, description="the healthy preload, highest to be set")] | None = None
-    wished_loss_n: Annotated[float, Field(gt=0, le=1e7, description="that the calibration is to see")] | None = None
+    from_mm: Annotated[float, MILLIMETRES] | None = None
+    to_mm: Annotated[float, MILLIMETRES] | None = None
+    highest_n: Annotated[float, NEWTONS, Field(description="the healthy preload, highest to be set")] | None = None
+    wished_loss_n: Annotated[float, NEWTONS, Field(description="that the calibration is to see")] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,33 @@ from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
 from monitor_core.quality import QualityGate
 from monitor_core.recordings.elements.units import metres
-from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector
+from monitor_core.trend import (
+    LEAST_MEASUREMENTS,
+    LEAST_RATE,
+    MOST_BASELINE,
+    MOST_MEASUREMENTS,
+    MOST_RATE,
+    DetectorDesign,
+    DetectorSettings,
+    LossDirection,
+    design_detector,
+)
 from monitor_core.uncertainty import Estimate
 from service.documents.stored import StoredRecord
 from service.errors import DocumentDamagedError
 from service.json_types import Json, JsonObject
-from service.operations.fields import Label, Moment, Positive, SetPreload
+from service.operations.fields import (
+    HOURS,
+    LENGTH_MM,
+    SECONDS,
+    Frequency,
+    Label,
+    Mass,
+    Moment,
+    Number,
+    SampleRate,
+    SetPreload,
+)
 from service.store.axes import list_axes
 from service.store.tables import AxisRow
 
@@ -28,29 +49,29 @@ class AxisConfiguration(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    search_band_hz: tuple[Positive, Positive] | None = Field(
+    search_band_hz: tuple[Frequency, Frequency] | None = Field(
         default=None, description="where the axial mode is looked for as long as no calibration says it better"
     )
     excitation_source: Literal["sensor", "drive"] = "sensor"
-    sample_rate_hz: Positive | None = Field(default=None, description="windows at another rate are refused")
+    sample_rate_hz: SampleRate | None = Field(default=None, description="windows at another rate are refused")
     windows_per_measurement: int = Field(
         default=15, ge=2, le=1000, description="a measurement is judged as soon as so many windows were accepted"
     )
-    measurement_timeout_s: Positive = Field(
-        default=600.0, le=1e7, description="a measurement that no window came to for so long is judged with what it has"
+    measurement_timeout_s: Annotated[Number, SECONDS] = Field(
+        default=600.0, description="a measurement that no window came to for so long is judged with what it has"
     )
     minimum_averages: int = Field(
         default=2, ge=2, le=1000, description="fewer windows are never judged; more may be needed, by their coherence"
     )
-    position_span_limit_mm: Positive = 20.0
-    moving_mass_kg: Positive | None = Field(default=None, description="table, nut and what moves with them")
-    moving_mass_standard_uncertainty_kg: Positive | None = Field(default=None, description="goes with moving_mass_kg")
-    measurements_per_year: Positive = Field(default=365.0, le=3.2e7)
-    false_alarms_per_year: Positive = 1.0
+    position_span_limit_mm: Annotated[Number, LENGTH_MM] = 20.0
+    moving_mass_kg: Mass | None = Field(default=None, description="table, nut and what moves with them")
+    moving_mass_standard_uncertainty_kg: Mass | None = Field(default=None, description="goes with moving_mass_kg")
+    measurements_per_year: Number = Field(default=365.0, ge=LEAST_MEASUREMENTS, le=MOST_MEASUREMENTS)
+    false_alarms_per_year: Number = Field(default=1.0, ge=LEAST_RATE, le=MOST_RATE)
     baseline_size: int = Field(
-        default=20, ge=5, le=1000, description="sessions that make the baseline; what is measured on a day is one"
+        default=20, ge=5, le=MOST_BASELINE, description="sessions that make the baseline; those of a day are one"
     )
-    baseline_days: Positive = Field(default=14.0, le=1000, description="time that the baseline spans at least")
+    baseline_days: Number = Field(default=14.0, ge=1e-3, le=1000, description="time that the baseline spans at least")
     axis_type: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
         default=None, description="axes of one type lend a young one what it cannot know yet"
     )
@@ -60,8 +81,8 @@ class AxisConfiguration(BaseModel):
         default=None, description="preload that the axis was put into service with: what is left of it is said"
     )
     commissioned_at: Moment | None = Field(default=None, description="goes with commissioned_preload_n")
-    silent_after_hours: Positive = Field(
-        default=168.0, le=1e7, description="without an accepted measurement for so long the state is unknown"
+    silent_after_hours: Annotated[Number, HOURS] = Field(
+        default=168.0, description="without an accepted measurement for so long the state is unknown"
     )
 
     drive_model: Annotated[str, Field(max_length=20_000)] | None = Field(

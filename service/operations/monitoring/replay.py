@@ -49,7 +49,7 @@ class ReplayIn(BaseModel):
     )
 
     session: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$", description="one of GET /v1/sessions")]
-    speed: Annotated[Number, Field(gt=0)] | None = Field(
+    speed: Annotated[Number, Field(ge=1e-3, le=1e6)] | None = Field(
         default=None, description="times real time; null is as fast as possible"
     )
 

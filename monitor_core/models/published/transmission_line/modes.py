@@ -25,6 +25,8 @@ _APART = 1e-9
 _BISECTIONS = 80
 #: Largest step of the damping, and the smallest before a pole is given up, as shares of the dampers.
 _LARGEST_DEGREE, _SMALLEST_DEGREE = 2.0**-3, 2.0**-20
+#: Steps until the whole damping is there; drives that oscillate take less than 150.
+_MOST_STEPS = 400
 #: Largest move of a pole in a step, as a share of its distance to the nearest other; a pole that changes paths moves
 #: by all of it.
 _FOLLOWED = 0.1
@@ -97,7 +99,9 @@ def damped_poles(drive: DiscreteDrive, omega: FloatArray, beyond: FloatArray) ->
     """
     s = np.asarray(1j * np.concatenate([omega, beyond]), dtype=np.complex128)
     damping, degree = 0.0, _LARGEST_DEGREE
-    while damping < 1.0:
+    for _ in range(_MOST_STEPS):
+        if damping >= 1.0:
+            return s[: omega.size]
         degree = min(degree, 1.0 - damping)
         after = _secant(drive, s, damping + degree)
         room = np.minimum(_nearest(s)[0], _nearest(after)[0])
@@ -108,8 +112,8 @@ def damped_poles(drive: DiscreteDrive, omega: FloatArray, beyond: FloatArray) ->
         elif s.size > omega.size:
             s = s[: omega.size]
         else:
-            raise OutsideValidityError(_where_it_was_lost(s, damping))
-    return s[: omega.size]
+            break
+    raise OutsideValidityError(_where_it_was_lost(s, damping))
 
 
 def _nearest(s: ComplexArray) -> tuple[FloatArray, npt.NDArray[np.intp]]:
