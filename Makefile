@@ -28,15 +28,15 @@ $(STAMP): requirements/dev.lock pyproject.toml
 	@touch $(STAMP)
 
 # Programs that tests use and pip does not bring, with the packages of Debian that do; Firefox is for `make test-all`.
-TOOLS := chromium:chromium caddy:caddy mosquitto:mosquitto promtool:prometheus
+TOOLS := chromium-headless-shell:chromium-headless-shell caddy:caddy mosquitto:mosquitto promtool:prometheus
 test-all: TOOLS += firefox-esr:firefox-esr
 
 tools:           ## what tests need of Debian: a browser, a broker, a proxy, promtool (installs what is missing, as root)
 	@packages=; for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || packages="$$packages $${tool##*:}"; done; \
 	if [ -z "$$packages" ]; then exit 0; fi; \
-	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-		apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install --yes --no-install-recommends $$packages >/dev/null; \
-	else echo "Not installed:$$packages. Tests of pages need chromium; those of Firefox, a broker, a proxy and rules are left out without the others."; fi
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && apt-get -qq update && \
+		DEBIAN_FRONTEND=noninteractive apt-get -qq install --yes --no-install-recommends $$packages >/dev/null; \
+	then exit 0; else echo "Not installed:$$packages. Tests of pages need chromium; those of Firefox, a broker, a proxy and rules are left out without the others."; fi
 
 demo: setup      ## replay the bundled sessions through the live service; prints trend and alarms
 	$(BIN)/preload demo
@@ -47,7 +47,10 @@ static: setup    ## lint, types, import contracts, and the docs as a site
 	$(BIN)/lint-imports
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
-test: static tools      ## static checks, and tests of every kind of behaviour
+test: setup tools       ## static checks, and tests of every kind of behaviour, side by side
+	@$(MAKE) --no-print-directory -j2 static tests-of-every-kind
+
+tests-of-every-kind: setup
 	$(BIN)/python -m pytest $(TWO_WORKERS) -m "not release"
 
 test-all: static tools  ## static checks and every test, as before a release
@@ -101,4 +104,4 @@ lock:            ## resolve the two lock files again from pyproject.toml
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) $(OTHER_VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup tools demo static test test-all coverage test-python check serve docs bench replay-data plots pictures lock clean
+.PHONY: help setup tools demo static test tests-of-every-kind test-all coverage test-python check serve docs bench replay-data plots pictures lock clean

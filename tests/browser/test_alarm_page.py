@@ -78,6 +78,7 @@ def press(page: Page, name: str, *, keyboard: bool) -> None:
         button.click()
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("script", "keyboard"), [(True, False), (True, True), (False, False)])
 def test_each_action_is_done_and_stands_in_the_log(
     fresh_service: Site, visit: Visit, script: bool, keyboard: bool

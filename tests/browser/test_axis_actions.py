@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.tables import JobRow
-from tests.browser.conftest import LOOKS, WITH_AND_WITHOUT_SCRIPT, Site, Visit, violations
+from tests.browser.conftest import LOOKS, Site, Visit, violations
 from tests.browser.test_fleet_page import small_targets, small_texts
 from tests.conftest import canary
 from tests.service.conftest import START
@@ -49,7 +49,8 @@ def test_everybody_can_read_it(served: Site, visit: Visit, path: str, size: str,
     assert small_targets(page) == []
 
 
-@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
+@pytest.mark.release
+@pytest.mark.parametrize("script", [True, False])
 def test_work_is_logged_and_marked_on_every_chart(fresh_service: Site, visit: Visit, script: bool) -> None:
     page = visit(fresh_service.url, "/axes/normal", script=script)
     page.get_by_role("link", name="Log work").first.click()
@@ -108,6 +109,7 @@ def test_what_is_typed_stays_while_the_axis_is_measured(fresh_service: Site, vis
     )
 
 
+@pytest.mark.release
 def test_an_axis_is_archived_found_and_taken_back(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, "/axes/normal")
     page.locator("#archive summary").click()
@@ -124,7 +126,8 @@ def test_an_axis_is_archived_found_and_taken_back(fresh_service: Site, visit: Vi
     assert page.get_by_role("link", name="normal", exact=True).count() == 1
 
 
-@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
+@pytest.mark.release
+@pytest.mark.parametrize("script", [True, False])
 def test_a_period_is_kept_and_no_longer(fresh_service: Site, visit: Visit, script: bool) -> None:
     page = visit(fresh_service.url, "/axes/normal", script=script)
     page.get_by_role("link", name="Stored periods").click()
@@ -140,7 +143,8 @@ def test_a_period_is_kept_and_no_longer(fresh_service: Site, visit: Visit, scrip
     assert fresh_service.api.http.get("/v1/axes/normal/pins").json()["pins"] == []
 
 
-@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
+@pytest.mark.release
+@pytest.mark.parametrize("script", [True, False])
 def test_a_history_is_compared_and_then_stands(fresh_service: Site, visit: Visit, script: bool) -> None:
     site = fresh_service
     before = site.api.http.get("/v1/axes/alarm/calibrations").json()
@@ -164,6 +168,7 @@ def test_a_history_is_compared_and_then_stands(fresh_service: Site, visit: Visit
     expect(page.locator("#compared")).to_contain_text("Another calibration came into force since.")
 
 
+@pytest.mark.release
 def test_a_part_is_compared_and_cannot_stand_alone(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, "/axes/alarm/stored")
     page.locator("#to").fill(DAY)
@@ -222,6 +227,7 @@ def test_an_analysis_is_begun_closed_found_again_and_cancelled(
     assert fresh_service.api.http.get(f"/v1/jobs/{job}").json()["kind"] == kind
 
 
+@pytest.mark.release
 def test_it_speaks_german(served: Site, visit: Visit) -> None:
     for path, words in (
         ("/axes/alarm", "Arbeiten an der Achse"), ("/axes/alarm/work", "Arbeit eintragen"),

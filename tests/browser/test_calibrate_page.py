@@ -86,6 +86,7 @@ def test_a_calibration_started_closed_in_the_browser_is_found_again(calibrating:
     expect(again.locator("#calibration")).to_contain_text("in force", timeout=30_000)
 
 
+@pytest.mark.release
 def test_compare_put_in_force_and_roll_back(calibrating: Site, visit: Visit) -> None:
     measure(calibrating.api, range(len(SETTINGS)))
     first = calibrating.api.calibrate(AXIS)
@@ -146,6 +147,7 @@ def test_everybody_can_read_it(calibrating: Site, visit: Visit, size: str, theme
         assert small_targets(page) == []
 
 
+@pytest.mark.release
 def test_it_speaks_german(served: Site, visit: Visit) -> None:
     page = visit(served.url, "/axes/normal/calibrate", language="de-DE")
     expect(page.locator("h1")).to_have_text("normal kalibrieren")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, Playwright, expect
 
 from service.web.pages import PAGES
 from tests.browser.conftest import SIZES, THEMES, Site, Visit, sites, violations, zoom_by_dragging
@@ -44,19 +44,18 @@ def theme(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def browser(theme: str) -> Iterator[Browser]:
+def browser(playwright: Playwright, theme: str) -> Iterator[Browser]:
     """Start the system's Firefox in this theme, for the tests of this file."""
-    with sync_playwright() as playwright:
-        started = playwright.firefox.launch(
-            channel="moz-firefox",
-            executable_path=FIREFOX,
-            firefox_user_prefs={
-                "layout.css.prefers-color-scheme.content-override": PREFERENCES[theme],
-                "network.dns.disabled": True,
-            },
-        )
-        yield started
-        started.close()
+    started = playwright.firefox.launch(
+        channel="moz-firefox",
+        executable_path=FIREFOX,
+        firefox_user_prefs={
+            "layout.css.prefers-color-scheme.content-override": PREFERENCES[theme],
+            "network.dns.disabled": True,
+        },
+    )
+    yield started
+    started.close()
 
 
 @pytest.fixture(scope="module")

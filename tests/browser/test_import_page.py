@@ -51,7 +51,8 @@ def mat_file(folder: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("make", [csv_file, pytest.param(mat_file, marks=pytest.mark.release)])
+@pytest.mark.release
+@pytest.mark.parametrize("make", [csv_file, mat_file])
 def test_a_raw_file_is_taken_with_the_map_that_was_filled_in(
     fresh_service: Site, visit: Visit, tmp_path: Path, make
 ) -> None:
@@ -144,6 +145,7 @@ def test_everybody_can_read_it(fresh_service: Site, visit: Visit, tmp_path: Path
             expect(page.locator("fieldset").first).to_be_visible(timeout=30_000)
 
 
+@pytest.mark.release
 def test_it_works_without_a_script_and_in_german(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, "/axes/normal/import", script=False, language="de-DE")
     expect(page.locator("h1")).to_have_text("Aufzeichnung von normal importieren")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import LOOKS, SIZES, Site, Visit, bytes_of, violations
+from tests.browser.conftest import LOOKS, SIZES, WITH_AND_WITHOUT_SCRIPT, Site, Visit, bytes_of, violations
 from tests.browser.states import measurement
 from tests.browser.test_axis_page import bottom
 from tests.browser.test_fleet_page import small_targets, small_texts
@@ -66,7 +66,7 @@ def test_the_picked_mode_stands_where_the_response_is_largest(served: Site, visi
     assert picked == pytest.approx(highest, abs=30)
 
 
-@pytest.mark.parametrize("script", [True, False])
+@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
 def test_the_neighbours_are_one_click_away(served: Site, visit: Visit, script: bool) -> None:
     page = visit(served.url, path(served), script=script)
     here = page.url
@@ -118,6 +118,7 @@ def test_from_the_fleet_the_reason_is_two_clicks_away(served: Site, visit: Visit
     expect(page.locator("#headline")).to_contain_text("gives")
 
 
+@pytest.mark.release
 def test_it_speaks_german(served: Site, visit: Visit) -> None:
     page = visit(served.url, path(served), language="de-DE")
     expect(page.locator("#headline")).to_contain_text("ergeben")
@@ -132,6 +133,7 @@ def test_it_is_small_and_prints(served: Site, visit: Visit) -> None:
     assert page.pdf(format="A4")[:4] == b"%PDF"
 
 
+@pytest.mark.release
 def test_a_missing_measurement_is_a_page(served: Site, visit: Visit) -> None:
     page = visit(served.url, "/axes/alarm/measurements/999999", allowed="404")
     expect(page.locator("h1")).to_have_text("There is no such page")

@@ -8,7 +8,7 @@ from playwright.sync_api import Page, expect
 
 from tests.browser.conftest import LOOKS, Site, Visit, violations
 from tests.browser.test_fleet_page import small_targets, small_texts
-from tests.conftest import PROJECT_ROOT
+from tests.conftest import PROJECT_ROOT, canary
 
 SESSION = PROJECT_ROOT / "replay_data" / "calibration.session.h5"
 #: What the way from an empty service to a trend may take.
@@ -34,6 +34,7 @@ class Hand:
         self.page.locator("#file").set_input_files(path)
 
 
+@pytest.mark.release
 def test_from_register_to_trend_in_ten_clicks_and_three_fields(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, "/")
     hand = Hand(page)
@@ -98,13 +99,13 @@ def test_it_works_by_keyboard(fresh_service: Site, visit: Visit) -> None:
 
 @pytest.mark.parametrize(
     ("typed", "sentence"),
-    [
+    canary([
         ({"name": "normal"}, "an axis 'normal' is registered already"),
         ({"name": "new"}, "choose another name"),
         ({"name": "***"}, "name: "),
         ({"name": "X", "screw_diameter_mm": "0"}, "screw_diameter_mm: Input should be greater than or equal to 1"),
         ({"name": "X", "screw_lead_mm": "six"}, "screw_lead_mm"),
-    ],
+    ]),
 )
 def test_what_does_not_fit_is_said_and_nothing_typed_is_lost(
     served: Site, visit: Visit, typed: dict[str, str], sentence: str

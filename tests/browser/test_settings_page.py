@@ -5,9 +5,10 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.conftest import LOOKS, WITH_AND_WITHOUT_SCRIPT, Site, Visit, violations
+from tests.browser.conftest import LOOKS, Site, Visit, violations
 from tests.browser.test_axis_actions import press
 from tests.browser.test_fleet_page import small_targets, small_texts
+from tests.conftest import canary
 
 PATH = "/axes/alarm/settings"
 
@@ -35,7 +36,8 @@ def test_everybody_can_read_both_steps(served: Site, visit: Visit, size: str, th
             expect(page.locator("#consequences")).to_be_visible()
 
 
-@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
+@pytest.mark.release
+@pytest.mark.parametrize("script", [True, False])
 def test_consequences_stand_before_anything_is_saved(fresh_service: Site, visit: Visit, script: bool) -> None:
     page = visit(fresh_service.url, "/axes/alarm", script=script)
     before = fresh_service.api.axis("alarm")["configuration"]
@@ -94,7 +96,7 @@ def test_the_second_is_told_what_the_first_changed(fresh_service: Site, visit: V
 
 @pytest.mark.parametrize(
     ("label", "typed", "sentence"),
-    [
+    canary([
         ("False alarms a year", "few", "false_alarms_per_year: expected a number; got 'few'"),
         ("False alarms a year", "-1", "false_alarms_per_year: Input should be greater than or equal to 0.000001"),
         ("Windows of a measurement", "2.5", "windows_per_measurement: Input should be a valid integer"),
@@ -102,7 +104,7 @@ def test_the_second_is_told_what_the_first_changed(fresh_service: Site, visit: V
         ("Search band from, in Hz", "", "expected both ends of the band, or neither; got one of them"),
         ("Search band from, in Hz", "300", "search_band_hz must be [low, high] with low < high"),
         ("Commissioned preload, in N", "300", "commissioned_preload_n and commissioned_at are stated together"),
-    ],
+    ]),
 )
 def test_what_cannot_be_is_said_at_the_form(
     served: Site, visit: Visit, label: str, typed: str, sentence: str

@@ -114,6 +114,7 @@ def test_the_log_is_for_administrators_and_buttons_for_those_who_may(fresh_servi
         expect(page.locator("h1")).to_have_text("Log work" if may else "You may not do this")
 
 
+@pytest.mark.release
 def test_it_speaks_german(served: Site, visit: Visit) -> None:
     page = visit(served.url, "/system", language="de")
     expect(page.locator("main")).to_contain_text("Rückstand der Annahme")

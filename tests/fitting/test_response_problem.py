@@ -125,6 +125,7 @@ def test_at_its_own_joints_a_response_leaves_nothing():
             assert np.max(np.abs(ResponseProblem(JOINTS, (observation,), form).residuals(TRUTH))) < 1e-9
 
 
+@pytest.mark.release
 def test_both_forms_are_one_near_the_truth(exact):
     rng = np.random.default_rng(4)
     observations = simulated.noisy(exact, rng, noise=1e-4)

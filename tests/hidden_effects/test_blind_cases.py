@@ -1,5 +1,6 @@
 """What the blind benchmark draws, its d', and that it goes on where it stopped."""
 
+import itertools
 import math
 from collections import Counter
 from dataclasses import replace
@@ -11,6 +12,7 @@ from benchmarks.blind_cases import IN_STEPS, NOT_LINEAR, ON_LINES, Job, composit
 from benchmarks.detectability import detectability, detectability_of_record
 from benchmarks.hidden_effects import chosen, seed_of
 from monitor_core.fitting.residuals.model_form import ModelFormError
+from tests.conftest import canary
 from tests.hidden_effects.cases import draw_case
 from tests.hidden_effects.machines import BENCH, GANTRY, MACHINES
 from tests.hidden_effects.situations import SCATTERS, Situation, WrongRecord, wrongly_set
@@ -193,8 +195,7 @@ def one_record(fault: str, size: int, kind: str = "none"):
     return detectability_of_record(case, BENCH.recorder, FORM), abs(off)
 
 
-@pytest.mark.parametrize("kind", ["none", "far-bearing-stiffness"])
-@pytest.mark.parametrize("size", [0, 2])
+@pytest.mark.parametrize(("size", "kind"), canary(itertools.product([0, 2], ["none", "far-bearing-stiffness"])))
 def test_d_prime_of_a_gain_is_how_many_tolerances_it_is_off(size, kind) -> None:
     """Nothing but the gain of its record does what a gain does, beside an effect or not."""
     found, off = one_record("gain", size, kind)

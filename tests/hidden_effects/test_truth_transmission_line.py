@@ -403,6 +403,7 @@ RIGID = replace(PARTS, **{
 })  # fmt: skip
 
 
+@pytest.mark.release
 def test_stiff_axis_with_friction_moves_as_one_body_integrated_by_another_program():
     """J φ̈ = τ − c φ̇ − i F sign(φ̇), against scipy's integrator with a steep tanh for the sign."""
     rate, n_samples, friction = 2048.0, 2048, 25.0

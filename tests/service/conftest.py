@@ -34,6 +34,8 @@ DAMPING_RATIO = 0.015
 #: Regressed k1…k4 of Nguyen et al. (2018), Table 3, in SI units: the axis that these tests simulate.
 K1, K2, K3, K4 = -4872e-8, 5561e-8, 2097e-8, 1228e-8
 START = datetime(2026, 3, 2, 6, tzinfo=UTC)
+#: Windows of a measurement where a recording is taken.
+N_WINDOWS = 8
 #: An axis whose windows are never old.
 CONFIGURATION = {"search_band_hz": [140, 230], "silent_after_hours": 1e6, "baseline_size": 8, "baseline_days": 4}
 
@@ -180,6 +182,20 @@ def shared_api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
         yield service
 
 
+@pytest.fixture
+def taking(api: Api) -> Api:
+    """Serve an axis that takes recordings."""
+    api.register("axis", windows_per_measurement=N_WINDOWS)
+    return api
+
+
+@pytest.fixture(scope="module")
+def refusing(shared_api: Api) -> Api:
+    """Serve an axis that takes no recording of its module."""
+    shared_api.register("axis")
+    return shared_api
+
+
 def free_port() -> int:
     """Return a port that was free a moment ago."""
     with socket.socket() as probe:
@@ -220,12 +236,12 @@ def serve_as(words: list[str], environment: dict[str, str], log: Path) -> None:
 
 
 class ForkedServer:
-    """``preload serve`` forked from a process that has only imported it: for many starts, each without the imports."""
+    """``preload serve`` forked from a process that has imported it and compiled its pages: for many starts."""
 
     _forks = multiprocessing.get_context("forkserver")
 
     def __init__(self, words: list[str], environment: dict[str, str], log: Path) -> None:
-        self._forks.set_forkserver_preload([__name__])
+        self._forks.set_forkserver_preload([__name__, "tests.service.warm"])
         self._process = self._forks.Process(target=serve_as, args=(words, environment, log))
         self._process.start()
         self.kill, self.terminate = self._process.kill, self._process.terminate

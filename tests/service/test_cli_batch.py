@@ -32,9 +32,8 @@ def answers(folder: Path) -> list[str]:
     return [path.read_text(encoding="utf-8") for path in sorted(folder.iterdir())]
 
 
-@pytest.mark.parametrize(
-    "lines", [PLAN.splitlines()[3:], pytest.param(PLAN.splitlines(), marks=pytest.mark.release)], ids=["quick", "all"]
-)
+@pytest.mark.release
+@pytest.mark.parametrize("lines", [PLAN.splitlines()[3:], PLAN.splitlines()], ids=["quick", "all"])
 def test_the_number_of_workers_and_who_they_are_change_no_answer(
     preload: Any, tmp_path: Path, scheduler: str, lines: list[str]
 ) -> None:

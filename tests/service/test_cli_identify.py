@@ -220,6 +220,7 @@ def test_uncertain_frees_only_what_it_names(preload: Any, tmp_path: Path) -> Non
     assert abs(value / 7.09e8 - 1.0) > 5e-3
 
 
+@pytest.mark.release
 def test_limits_hold(preload: Any, tmp_path: Path) -> None:
     model = model_file(tmp_path, "two.toml", "nut_stiffness_n_per_m", "bearing_stiffness_n_per_m")
     words = ("identify", PEAKS, "--model", model, "--hold-out-mm", 800, "--limit", "nut_stiffness_n_per_m", 1e9, 3e9)

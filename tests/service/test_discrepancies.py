@@ -77,6 +77,7 @@ def wait_until_progress(api: Api, job_id: str) -> None:
 # --- the job
 
 
+@pytest.mark.release
 def test_result_is_the_json_of_the_command_and_the_report_stays(preload: Any, tmp_path: Path) -> None:
     with running_service(tmp_path / "var") as api:
         api.register("peaks")
@@ -239,7 +240,6 @@ def test_unknown_axis_is_refused(shared_api: Api) -> None:
     assert shared_api.http.get("/v1/jobs", params={"axis": "nobody"}).json()["jobs"] == []
 
 
-@pytest.mark.release
 def test_report_is_of_a_finished_discrepancy_of_this_axis(shared_api: Api) -> None:
     for axis in ("mine", "other"):
         shared_api.register(axis)
