@@ -131,6 +131,7 @@ position_mm = 0
 """
 
 
+@pytest.mark.release
 def test_five_receptances_of_a_tool_become_an_frf_set_with_its_three_modes(preload, measured_data):
     files = [measured_data / "tool_frf" / f"Point_{number}_Channel_1_CH1.txt" for number in range(1, 6)]
     answer = answer_of(preload, "import", *files, "--map", write("tool.toml", TOOL), "--out", "tool.frf.h5")

@@ -7,10 +7,11 @@ from playwright.sync_api import expect
 
 from tests.browser.conftest import LOOKS, Site, Visit, violations
 from tests.browser.states import STATES
+from tests.conftest import canary
 
 
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
-@pytest.mark.parametrize("path", ["/", "/wall"])
+@pytest.mark.parametrize("path", canary(["/", "/wall"]))
 def test_everybody_can_read_it(served: Site, visit: Visit, path: str, size: str, theme: str) -> None:
     page = visit(served.url, path, size, theme)
     assert not violations(page)

@@ -17,6 +17,7 @@ from monitor_core.fitting.hold_out import fitted_values
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
+from tests.conftest import canary
 from tests.discrepancy.axes import (
     LinearAxis,
     LinearComparison,
@@ -64,10 +65,7 @@ def test_a_wrong_position_is_named_with_the_record_and_how_far_it_is_off() -> No
 
 @pytest.mark.parametrize(
     ("tag", "wrong", "fault", "true"),
-    [
-        ("preload", 210.0, RecordFault.PRELOAD, 300.0),
-        ("payload_mass", 5.0, RecordFault.PAYLOAD, 0.0),
-    ],
+    canary([("preload", 210.0, RecordFault.PRELOAD, 300.0), ("payload_mass", 5.0, RecordFault.PAYLOAD, 0.0)]),
 )
 def test_another_wrong_tag_is_named_as_what_it_is(tag, wrong, fault, true) -> None:
     observations = spoilt(measured(true_subject(), CONDITIONS), **{tag: wrong})

@@ -158,6 +158,7 @@ def test_the_scatter_of_a_torque_is_no_trace_of_what_depends_on_it(monkeypatch) 
     assert of_two < 0.5 * detectability(case, BENCH.recorder, FORM)
 
 
+@pytest.mark.release
 def test_d_prime_of_twins_is_nothing() -> None:
     """A series compliance beside a bracket that is wrong, free to be anything: the data cannot tell the two."""
     case = draw_case("series-compliance", "large", seed=8, respond=transmission_line.respond,

@@ -25,7 +25,6 @@ from monitor_core.preload.budget import uncertainty_budget
 from monitor_core.preload.feature import from_reference
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate, IntervalKind
-from tests.conftest import canary
 
 K = PreloadFeatureCoefficients(-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8)
 INFLUENCE = InfluenceCoefficients(inverse_moving_mass=1.0 / 23.864, temperature=1e-8)
@@ -74,16 +73,15 @@ SMALL = calibration_of(np.random.default_rng(0), own=0.005, between=0.0)
 ONE = calibration_of(np.random.default_rng(1))
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("positions", "preloads", "own", "between"),
-    canary(
-        [
-            (POSITIONS, PRELOADS, 0.05, 0.2),  # 16 degrees of freedom
-            ((0.25, 0.5, 0.75), (50.0, 100.0, 300.0), 0.05, 0.2),  # 5
-            ((0.25, 0.5, 0.75), (50.0, 300.0), 0.05, 0.2),  # 2
-            (POSITIONS, PRELOADS, 0.3, 0.3),
-        ]
-    ),
+    [
+        (POSITIONS, PRELOADS, 0.05, 0.2),  # 16 degrees of freedom
+        ((0.25, 0.5, 0.75), (50.0, 100.0, 300.0), 0.05, 0.2),  # 5
+        ((0.25, 0.5, 0.75), (50.0, 300.0), 0.05, 0.2),  # 2
+        (POSITIONS, PRELOADS, 0.3, 0.3),
+    ],
 )
 def test_intervals_cover_19_times_in_20(
     positions: tuple[float, ...], preloads: tuple[float, ...], own: float, between: float

@@ -15,13 +15,14 @@ from service.store.intake import MeasurementRecord
 from service.store.tables import AxisRow, MeasurementRow, WindowRow
 from service.store.trend.points import Span, TrendPoint, add_point
 from service.store.trend.rollups import sum_up
+from tests.conftest import canary
 from tests.service.conftest import START, Api, emptied, running_service, simulated_measurement
 
 HOUR = timedelta(hours=1)
 LATER = START + HOUR
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=canary(["sqlite", "postgresql"]))
 def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "sqlite":
         return f"sqlite:///{tmp_path}/preload.db"

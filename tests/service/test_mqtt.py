@@ -203,6 +203,7 @@ def test_of_two_services_one_that_goes_leaves_the_other_online(
         wait_until(lambda: [m.payload for m in client.of("preload/plant/status")][2:] == [b"offline", b"online"])
 
 
+@pytest.mark.release
 def test_a_silent_axis_becomes_unknown_at_the_broker_without_a_measurement(
     broker: BrokerProcess, client: Client, tmp_path: Path
 ) -> None:

@@ -27,6 +27,7 @@ from service.operations.recordings import recordings
 from service.operations.recordings.look import Look, look_into
 from service.store import recordings as store
 from service.store.safekeeping.backup import back_up, restore
+from tests.conftest import canary
 from tests.service import stand_in_readers as stand_ins
 from tests.service.conftest import (
     N_WINDOWS,
@@ -204,11 +205,11 @@ def look_not_in(service: int, *arguments: Any) -> Look:
 
 @pytest.mark.parametrize(
     ("broken", "bounds", "word"),
-    [
+    canary([
         (stand_ins.aborts, BOUNDS, "by signal SIGABRT"),
         (stand_ins.never_ends, Bounds(2**30, 3.0), "is read within"),
         (stand_ins.takes_all_memory, Bounds(2**30, 900.0), "1024 MiB of memory"),
-    ],
+    ]),
 )
 def test_recording_that_ends_its_reader_does_not_end_the_service(
     taking: Api, monkeypatch: pytest.MonkeyPatch, broken: Callable[..., Look], bounds: Bounds, word: str

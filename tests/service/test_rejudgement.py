@@ -129,6 +129,7 @@ def held_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
     may_go_on.set()
 
 
+@pytest.mark.release
 def test_it_says_what_a_new_service_says_byte_for_byte(service: Api, under_second: dict[str, object]) -> None:
     before = said_of(service)
     assert as_bytes(before) != as_bytes(under_second)

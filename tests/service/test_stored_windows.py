@@ -126,6 +126,7 @@ def test_refused_windows_are_read_back_too_in_the_order_of_the_measurement(takin
     assert not session.windows[3].response.any()
 
 
+@pytest.mark.release
 def test_session_from_one_site_is_posted_to_another_without_loss(tmp_path: Path) -> None:
     """Sent window by window at one site, downloaded there, uploaded at the other: values and charts byte by byte."""
     said = []

@@ -119,6 +119,7 @@ def test_the_filter_is_the_multivariate_t_of_all_sessions_together(subtests):
             assert prediction.residual(values[-1]) == pytest.approx(expected, abs=1e-5)
 
 
+@pytest.mark.release
 def test_residual_of_a_new_session_has_unit_variance_over_all_baselines():
     rng = np.random.default_rng(3)
     z = [residual(learnt(rng.normal(300.0, 10.0, 20)), rng.normal(300.0, 10.0)) for _ in range(600)]
