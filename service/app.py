@@ -52,8 +52,8 @@ from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
-from service.operations.monitoring.intake.epochs import renew_charts
 from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.monitoring.intake.renewal import renew_charts
 from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend

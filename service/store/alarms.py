@@ -13,6 +13,8 @@ ACTIVE, ACKNOWLEDGED, CLEARED = "active", "acknowledged", "cleared"
 #: Raised by charts that a late measurement changed: with it they raise no alarm. Listed where it is asked for.
 WITHDRAWN = "withdrawn"
 OPEN = (ACTIVE, ACKNOWLEDGED)
+#: Epoch of alarms that the charts of this version of the program do not raise: no fold comes to it.
+OF_OLDER_CHARTS = -1
 _ARCHIVED = select(AxisRow.id).where(AxisRow.archived_at.is_not(None))
 
 

@@ -117,7 +117,7 @@ def test_still_older_folder_says_what_to_do_and_is_left_alone(older: Path, versi
         connection.execute("UPDATE alembic_version SET version_num = ?", [version])
         connection.commit()
         before = list(connection.iterdump())
-    what_to_do = f"of version {version}.*from 0017: start commit 7bd100f"
+    what_to_do = f"of version {version}.*from 0017: run `preload user list` of commit 7bd100f"
     with pytest.raises(DataFolderError, match=what_to_do), running_service(older / "var"):
         pass
     with closing(sqlite3.connect(file)) as connection:

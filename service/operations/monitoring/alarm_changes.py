@@ -1,6 +1,7 @@
 """Change alarms: each change is stored as an event, with a notice for receivers."""
 
 from collections import defaultdict
+from collections.abc import Iterator
 from datetime import datetime
 from itertools import zip_longest
 
@@ -29,28 +30,52 @@ def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, beca
     """Store the alarms of charts that were folded from a moment on, and return how many are new.
 
     Alarms that they raised before, from there on, are the same ones in order within each epoch, if with other evidence;
-    one that is not raised any more is withdrawn.
+    one that is not raised any more is withdrawn, unless no calibration was in force that charts could raise it by.
     """
     n_new = 0
     with Session(connection) as session:
-        after = folded.again_after
-        earlier = alarms.raised_after(session, axis.id, folded.since_epoch, after) if folded.again else []
-        stood, raised = defaultdict(list), defaultdict(list)
-        for row in earlier:
-            stood[_epoch_at(folded, row.measured_at)].append(row)
-        for alarm in folded.raised:
-            raised[alarm.point.epoch].append(alarm)
-        for epoch in sorted({*stood, *raised}):
-            for row, alarm in zip_longest(stood[epoch], raised[epoch]):
-                if alarm is None:
-                    change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the charts raise none")
-                elif row is None:
-                    n_new += 1
-                    _raise(session, axis, epoch, alarm)
-                else:
-                    _raise_again(session, row, epoch, alarm, because_of)
+        for epoch, row, alarm in _paired(session, axis, folded):
+            if row is None and alarm is not None:
+                n_new += 1
+                _raise(session, axis, epoch, alarm, "raised by measurement")
+            elif row is not None and alarm is not None:
+                _raise_again(session, row, epoch, alarm, because_of)
+            elif row is not None and epoch in folded.calibrated:
+                change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the charts raise none")
         session.commit()  # hands it to the connection
     return n_new
+
+
+def let_alarms_stand(connection: Connection, axis: AxisRecord, folded: Folded) -> None:
+    """Keep alarms as they are stored, whatever charts raise that another version of the program folded.
+
+    Nothing was measured anew, so nobody is told anything but of an alarm that nobody knew of. One that these charts do
+    not raise is none of theirs: only a person ends it.
+    """
+    with Session(connection) as session:
+        for epoch, row, alarm in _paired(session, axis, folded):
+            if row is not None and alarm is not None:
+                row.epoch, row.measured_at = epoch, alarm.point.at  # so that they know it again
+            elif row is not None and row.status in alarms.OPEN:
+                row.epoch = alarms.OF_OLDER_CHARTS
+                session.add(_event(row, "another version of the program does not raise it; it stands until cleared"))
+            elif alarm is not None and row is None and epoch == folded.charts.epoch:
+                _raise(session, axis, epoch, alarm, "raised by another version of the program")
+        session.commit()
+
+
+def _paired(session: Session, axis: AxisRecord, folded: Folded) -> Iterator[tuple[int, AlarmRow | None, Raised | None]]:
+    """Return the stored alarms of what was folded beside those that the charts raise, in order within each epoch."""
+    after = folded.again_after
+    earlier = alarms.raised_after(session, axis.id, folded.since_epoch, after) if folded.again else []
+    stood, raised = defaultdict(list), defaultdict(list)
+    for row in earlier:
+        stood[_epoch_at(folded, row.measured_at)].append(row)
+    for alarm in folded.raised:
+        raised[alarm.point.epoch].append(alarm)
+    for epoch in sorted({*stood, *raised}):
+        for stored, now_raised in zip_longest(stood[epoch], raised[epoch]):
+            yield epoch, stored, now_raised
 
 
 def _epoch_at(folded: Folded, moment: datetime) -> int:
@@ -66,7 +91,7 @@ def _raise_again(session: Session, row: AlarmRow, epoch: int, alarm: Raised, bec
         change_alarm(session, row, row.status, f"{because_of} changed the evidence")
 
 
-def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised) -> None:
+def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised, reason: str) -> None:
     at, point = now(), alarm.point
     row = AlarmRow(
         axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, raised_at=at, epoch=epoch,
@@ -75,8 +100,7 @@ def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised) -> Non
     )  # fmt: skip
     session.add(row)
     session.flush()
-    raised = "raised by measurement"
-    _tell(session, row, AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=raised))
+    _tell(session, row, AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=reason))
 
 
 def store_explanation(session: Session, row: AlarmRow, explanation: JsonObject) -> None:
@@ -120,7 +144,7 @@ def is_shelved(row: AlarmRow) -> bool:
     return row.shelved_until is not None and row.shelved_until > now()
 
 
-def _event(row: AlarmRow, reason: str, who: str | None, kind: str) -> AlarmEventRow:
+def _event(row: AlarmRow, reason: str, who: str | None = None, kind: str | None = None) -> AlarmEventRow:
     return AlarmEventRow(
         alarm_id=row.id, at=now(), old_status=row.status, new_status=row.status, reason=reason, who=who, kind=kind
     )

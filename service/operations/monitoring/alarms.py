@@ -134,7 +134,7 @@ class Alarms:
                 raise ConflictError(f"alarm {alarm_id} is {row.status} already")
             change_alarm(session, row, alarms.CLEARED, comment, who)
             session.flush()
-            if row.epoch == get_axis(session, row.axis_id).epoch:
+            if row.epoch in (alarms.OF_OLDER_CHARTS, get_axis(session, row.axis_id).epoch):
                 begin_by_inspection(session.connection(), row.axis_id)
         return self.get(alarm_id)
 

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from sqlalchemy import Connection, delete, insert, select
+from sqlalchemy import Connection, delete, func, insert, select
 
 from service.json_types import JsonObject
+from service.store.alarms import CLEARED
+from service.store.tables import ActivationRow, AlarmEventRow, AlarmRow, AxisRow, MeasurementRow
 from service.store.trend.tables import ChartCheckpointRow, ChartEpochRow
 
 CALIBRATION, INSPECTION, MAINTENANCE = "calibration", "inspection", "maintenance"
@@ -57,6 +59,33 @@ def forget_epoch(connection: Connection, epoch: EpochRecord) -> None:
             _EPOCHS.c.begun_by == epoch.begun_by,
         )
     )
+
+
+def without_epochs(connection: Connection) -> set[str]:
+    """Return the axes whose charts are in no epoch of the calibration in force: a program began it that kept none."""
+    kept = select(_EPOCHS.c.epoch).where(
+        _EPOCHS.c.axis_number == AxisRow.number,
+        _EPOCHS.c.epoch == AxisRow.epoch,
+        _EPOCHS.c.calibration_id == AxisRow.active_calibration_id,
+    )
+    query = select(AxisRow.id).where(AxisRow.active_calibration_id.is_not(None), ~kept.exists())
+    return set(connection.scalars(query))
+
+
+def decided_since_calibration(connection: Connection, axis_id: str) -> list[datetime | None]:
+    """Tell after which measurement the calibration in force was activated, then alarms were cleared; None: before all.
+
+    As a program saw it that did not keep epochs, and charted measurements as they arrived.
+    """
+    activated = select(func.max(ActivationRow.activated_at)).where(ActivationRow.axis_id == axis_id)
+    since = connection.scalar(activated)
+    cleared = select(AlarmEventRow.at).join(AlarmRow, AlarmRow.id == AlarmEventRow.alarm_id)
+    cleared = cleared.where(AlarmRow.axis_id == axis_id, AlarmEventRow.new_status == CLEARED, AlarmEventRow.at > since)
+    last = select(func.max(MeasurementRow.started_at)).where(MeasurementRow.axis_id == axis_id)
+    return [
+        connection.scalar(last.where(MeasurementRow.judged_at <= moment))
+        for moment in (since, *connection.scalars(cleared.order_by(AlarmEventRow.at)))
+    ]
 
 
 _CHECKPOINTS = ChartCheckpointRow.metadata.tables[ChartCheckpointRow.__tablename__]

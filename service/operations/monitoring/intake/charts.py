@@ -91,6 +91,7 @@ class Folded:
     again_after: datetime | None  # what began later was folded again; None: nothing was
     again: bool = False
     since_epoch: int = 0  # the first that was folded
+    calibrated: frozenset[int] = frozenset()  # epochs that a calibration was in force in: only these can raise alarms
     entered: tuple[tuple[datetime, int], ...] = ()  # when later ones begin, and their numbers, in order of time
 
 
@@ -131,12 +132,16 @@ def put_in(
 
 
 def fold_from(
-    connection: Connection, axis: AxisRecord, charts: ChartsRecord, first: datetime, calibration: Calibration | None
-) -> Folded:
-    """Fold the charts over everything that was measured since a moment, through the epochs that begin since then."""
+    connection: Connection, axis: AxisRecord, charts: ChartsRecord, first: datetime, calibration: Calibration | None,
+    *, keep_points: bool = False,
+) -> Folded:  # fmt: skip
+    """Fold the charts over everything that was measured since a moment, through the epochs that begin since then.
+
+    ``keep_points``: the points of the trend go on saying what they said when they were measured.
+    """
     fold = _Fold(connection, axis, charts, calibration)
     fold.go_back(first)
-    return fold.over([])
+    return fold.over([], keep_points=keep_points)
 
 
 def enter_epoch(
@@ -170,6 +175,7 @@ class _Fold:
         self._begun_after: datetime | None = None
         self._ahead: list[EpochRecord] = []  # epochs that are still to be entered, in order of time
         self._entered: list[tuple[datetime, int]] = []
+        self._calibrated: set[int] = set()
         self._raised: list[Raised] = []
         self._sessions: list[SessionRecord] = []
         self._session_of: dict[int, datetime | None] = {}  # when it began, by measurement; None: it moved no chart
@@ -213,8 +219,9 @@ class _Fold:
             self._charts, epoch=number, epoch_from=None, since_checkpoint=0, epoch_begins_at=epoch.begins_at,
             epoch_after=self._limit(epoch, self._charts.epoch_after),
         )  # fmt: skip
+        self._note_calibration()
 
-    def over(self, put: Sequence[TrendPoint]) -> Folded:
+    def over(self, put: Sequence[TrendPoint], *, keep_points: bool = False) -> Folded:
         """Carry the charts over new points, and over those to be folded again; store what became of them."""
         folded_before = {point.measurement_id: point for point in self._old}
         self._places = _said_of(self._state)
@@ -222,7 +229,10 @@ class _Fold:
         stepped = [self._step(point) for point in sorted([*self._old, *put], key=_in_time)]
         for epoch in self._ahead:
             self.enter(epoch)
-        points = self._with_places(stepped, going_on)
+        if keep_points:
+            points = [replace(folded_before[point.measurement_id], epoch=point.epoch) for point in stepped]
+        else:
+            points = self._with_places(stepped, going_on)
         replace_points(self._connection, [p for p in points if folded_before.get(p.measurement_id, p) != p])
         for point in points:
             if point.measurement_id not in folded_before:
@@ -232,7 +242,7 @@ class _Fold:
         after = {point.measurement_id: point for point in points if point.measurement_id in added}
         return Folded(
             self._charts_now(), after, tuple(self._raised), self._begun_after, self._again, self._since_epoch,
-            tuple(self._entered),
+            frozenset(self._calibrated), tuple(self._entered),
         )  # fmt: skip
 
     def _return_to(self, epoch: EpochRecord | None, first: datetime) -> None:
@@ -257,6 +267,7 @@ class _Fold:
             self._charts, epoch=counted, epoch_begins_at=begun_at, since_checkpoint=0, epoch_after=limit,
             epoch_from=epoch_from,
         )  # fmt: skip
+        self._note_calibration()
 
     def _forget_since(self, at: datetime | None, newest_epoch: int) -> None:
         """Forget the checkpoints after a moment, and the sessions from the one on that goes on there."""
@@ -274,6 +285,10 @@ class _Fold:
         if calibration_id != self._calibration_id:
             calibration = CalibrationsInForce().numbered(self._connection, self._axis.id, calibration_id)
             self._calibration_id, self._calibration = calibration_id, calibration
+
+    def _note_calibration(self) -> None:
+        if self._calibration is not None:
+            self._calibrated.add(self._charts.epoch)
 
     @staticmethod
     def _limit(epoch: EpochRecord, before: datetime | None) -> datetime | None:

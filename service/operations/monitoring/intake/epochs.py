@@ -1,8 +1,6 @@
 """Begin epochs of the charts where a person says so: another calibration, an inspection, a new nut or screw."""
 
-import logging
 from contextlib import suppress
-from dataclasses import replace
 from datetime import datetime, timedelta
 
 from sqlalchemy import Connection
@@ -11,19 +9,13 @@ from sqlalchemy.orm import Session
 from monitor_core.pipeline import AxisState
 from monitor_core.trend import DetectorState, Prior, TrendStatus, prior_from
 from service.errors import DocumentDamagedError
-from service.operations.monitoring.alarm_changes import LATE, settle_alarms
-from service.operations.monitoring.axis_configuration import (
-    detector_design,
-    detector_settings,
-    load_configuration,
-    sisters_of,
-)
-from service.operations.monitoring.intake.chart_state import dump_design, dump_state, is_outdated, load_state
+from service.operations.monitoring.alarm_changes import settle_alarms
+from service.operations.monitoring.axis_configuration import sisters_of
+from service.operations.monitoring.intake.chart_state import dump_state, load_state
 from service.operations.monitoring.intake.charts import Folded, enter_epoch, fold_from
 from service.store import intake
-from service.store.axes import get_axis, list_axes
+from service.store.axes import get_axis
 from service.store.calibrations import CalibrationsInForce
-from service.store.database import Database, writing
 from service.store.intake import AxisRecord, ChartsRecord
 from service.store.tables import AxisRow
 from service.store.trend.epochs import (
@@ -31,10 +23,7 @@ from service.store.trend.epochs import (
     CALIBRATION,
     INSPECTION,
     EpochRecord,
-    epochs_of,
-    forget_checkpoints,
     forget_epoch,
-    save_epoch,
 )
 
 
@@ -104,50 +93,3 @@ def _enter(connection: Connection, axis: AxisRecord, charts: ChartsRecord, epoch
 def _after(charts: ChartsRecord) -> datetime:
     """Return the first moment after everything that the charts have seen."""
     return BEGIN_OF_TIME if charts.last_charted_at is None else charts.last_charted_at + timedelta(microseconds=1)
-
-
-log = logging.getLogger(__name__)
-
-
-def renew_charts(database: Database) -> None:
-    """Bring the charts of every axis to this version, before a window is taken.
-
-    An axis whose configuration cannot be read is left as it is, and refused by name when something comes for it.
-    """
-    with database.read() as session:
-        outdated = [axis.id for axis in list_axes(session) if is_outdated(axis)]
-    for axis_id in outdated:
-        with (
-            database.connect() as connection,
-            database.at_axes(connection, [axis_id], wait=True),
-            writing(connection),
-            suppress(DocumentDamagedError),
-        ):
-            _renew(connection, axis_id)
-
-
-def _renew(connection: Connection, axis_id: str) -> None:
-    axis = intake.read_axis(connection, axis_id)
-    before = intake.read_charts(connection, axis)
-    if not is_outdated(before):
-        return  # another service, which started at the same time, has done it
-    design = detector_design(detector_settings(load_configuration(axis.configuration)))
-    beginning = dump_state(AxisState())
-    for epoch in epochs_of(connection, axis.number):
-        if epoch.epoch is not None:  # an inspection that is told later may go back to any of them
-            forget_checkpoints(connection, axis.number, epoch.epoch, None)
-            save_epoch(connection, replace(epoch, state=beginning))
-    charts = replace(
-        before,
-        detector_design=dump_design(design),
-        monitor_state=beginning,
-        epoch_after=None if before.epoch_from is None else before.epoch_from - timedelta(microseconds=1),
-        since_checkpoint=0,
-    )
-    if charts.epoch_from is None:
-        intake.save_charts(connection, axis, before, charts)
-    else:
-        calibration = CalibrationsInForce().of(connection, axis)
-        folded = fold_from(connection, axis, charts, charts.epoch_from, calibration)
-        keep(connection, axis, before, folded, LATE)
-    log.info("the charts of axis '%s' are of this version now", axis_id)
