@@ -6,7 +6,6 @@ and HDF5 of ours, too, which anybody may have written or damaged since.
 """
 
 import resource
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -61,12 +60,12 @@ def reading(work: Callable[[Line], object], name: str) -> Iterator[OwnProcess]:
     except ProcessEndedError as error:
         if not error.has_begun:
             raise BusyError(
-                f"{name}: expected a process to read it in; it ended before it began, {_ending(error.exit_code)}: for "
+                f"{name}: expected a process to read it in; it ended before it began, {error.ending}: for "
                 "want of memory, or because a program that uses this one has no `if __name__ == '__main__':`"
             ) from error
         raise RecordingFormatError(
             f"{name}: expected a recording that can be read; reading it ended the process that did, "
-            f"{_ending(error.exit_code)}: it is damaged, or too large for this machine"
+            f"{error.ending}: it is damaged, or too large for this machine"
         ) from error
     except ProcessStalledError as error:
         raise RecordingFormatError(
@@ -120,11 +119,3 @@ def _read(work: Callable[[Line], object], name: str, bounds: Bounds, line: Line)
         ) from error
     except ImportError as error:
         raise MissingReaderError(f"{name}: expected the library that reads it; it cannot be loaded: {error}") from error
-
-
-def _ending(exit_code: int | None) -> str:
-    """Say how a process ended."""
-    with suppress(ValueError):  # a number that no signal has
-        if exit_code is not None and exit_code < 0:
-            return f"by signal {signal.Signals(-exit_code).name}"
-    return "by itself" if exit_code is None else f"with exit code {exit_code}"

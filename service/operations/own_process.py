@@ -4,6 +4,7 @@ The process can be stopped at any moment, so that cancelled work does not hold u
 """
 
 import ctypes
+import logging
 import multiprocessing
 import os
 import pickle
@@ -22,6 +23,8 @@ from types import TracebackType
 from typing import Self, TypeVar, cast
 
 from service.blas_threads import compute_in_one_thread
+
+log = logging.getLogger(__name__)
 
 Answer = TypeVar("Answer")
 
@@ -68,9 +71,21 @@ class ProcessEndedError(RuntimeError):
     """A process of its own has ended without an answer."""
 
     def __init__(self, exit_code: int | None, *, has_begun: bool = True) -> None:
-        super().__init__(f"the process of this work ended by itself, exit code {exit_code}")
-        self.exit_code = exit_code  # below zero: minus the signal that ended it
+        self.ending = _ending(exit_code)
+        super().__init__(f"the process of this work has ended, {self.ending}")
         self.has_begun = has_begun  # with its work
+
+
+def _ending(exit_code: int | None) -> str:
+    """Say how a process ended; its exit code is below zero where a signal did it."""
+    with suppress(ValueError):  # a number that no signal has
+        if exit_code is not None and exit_code < 0:
+            return f"by signal {signal.Signals(-exit_code).name}"
+    return "by itself" if exit_code is None else f"with exit code {exit_code}"
+
+
+class EndedAgainError(RuntimeError):
+    """Work that was begun anew ended its process once more."""
 
 
 class ProcessStalledError(RuntimeError):
@@ -191,13 +206,27 @@ class OwnProcess:
 
 
 def in_own_process(work: Callable[[Report], Answer], report: Report, first: Progress) -> Answer:
-    """Do work beside this process, and return what it returns; raises as :meth:`OwnProcess.answer`, and what it raises.
+    """Do work beside this process, and return what it returns; raises what it raises.
 
     The work can be pickled, as can what it returns, which is no progress; it is handed what it may report its progress
-    to.
+    to. Where something ends its process it is begun anew; EndedAgainError if that ends, too.
     """
-    with OwnProcess(Reporting(work)) as process:
-        return cast(Answer, process.answer(report, first))
+
+    def answer() -> Answer:
+        with OwnProcess(Reporting(work)) as process:
+            return cast(Answer, process.answer(report, first))
+
+    try:
+        return answer()
+    except ProcessEndedError as error:
+        log.warning("%s; the work is begun anew", error)
+    try:
+        return answer()
+    except ProcessEndedError as error:
+        raise EndedAgainError(
+            f"the process of this work was ended twice, the second time {error.ending}: most often the system does so "
+            "for lack of memory"
+        ) from error
 
 
 @dataclass(frozen=True, slots=True)
