@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, cast
 import httpx
 
 from preload_client.errors import JobFailedError, ProblemError, UnreachableError
+from preload_client.exchange import Transport, exchange, tls_context
 from preload_client.records import Alarm, Axis, Document, Job, Receipt, TrendPoint
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ Moment: TypeAlias = str | datetime
 _CHANNELS = ("excitation", "response", "position_trace_m")
 _SAFE = ("GET", "PUT", "DELETE")
 _LONGEST_PAUSE_S = 30.0
+#: An answer has at most so many bytes, a table that goes into a file so many; and a file may take so long.
+_MOST_BYTES, _MOST_OF_TABLE, _TRANSFER_S = 2**26, 2**36, 3600.0
 #: The service, or a proxy before it, says: not now. Nothing was changed.
 _BUSY = (429, 503)
 #: A proxy says that it got no answer: like a broken connection.
@@ -34,7 +37,11 @@ _BROKEN = (502, 504)
 
 
 class Client:
-    """One service at an address; the key, if it is closed, is sent with each request."""
+    """One service at an address; the key, if it is closed, is sent with each request.
+
+    A request ends after ``timeout_s`` in all, one with a file after an hour. ``ca_file`` says whom TLS believes: the
+    authorities of the system if it is not given.
+    """
 
     def __init__(
         self,
@@ -46,13 +53,10 @@ class Client:
         ca_file: str | None = None,
     ) -> None:
         headers = {"Authorization": f"Bearer {key}"} if key else {}
-        verify: Any = True
-        if ca_file is not None:
-            import ssl  # noqa: PLC0415  # only for an authority of the plant
-
-            verify = ssl.create_default_context(cafile=ca_file)
-        self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout_s, trust_env=False, verify=verify)
+        transport = Transport(tls_context(ca_file))
+        self._http = httpx.Client(base_url=url, headers=headers, transport=transport, timeout=timeout_s)
         self._retries = retries
+        self._timeout_s = timeout_s
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -192,7 +196,10 @@ class Client:
         Raises ProblemError if the service refuses, ValueError if what is there is no table.
         """
         kind = Path(file).suffix.removeprefix(".")
-        with self._http.stream("GET", path, params={**query, "format": kind}) as answer:
+        with (
+            exchange(_TRANSFER_S, _MOST_OF_TABLE),
+            self._http.stream("GET", path, params={**query, "format": kind}) as answer,
+        ):
             if not answer.is_success:
                 answer.read()
                 raise _refusal("GET", path, answer)
@@ -218,9 +225,11 @@ class Client:
         """
         left = self._retries if retries is None else retries
         safe, pause = repeatable or method in _SAFE, 0.5
+        total_s = _TRANSFER_S if "files" in arguments else self._timeout_s
         while True:
             try:
-                answer = self._http.request(method, path, **arguments)
+                with exchange(total_s, _MOST_BYTES), self._http.stream(method, path, **arguments) as answer:
+                    answer.read()
             except (httpx.TransportError, httpx.UnsupportedProtocol) as error:
                 again = safe or isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
                 if not again or not left or isinstance(error, httpx.UnsupportedProtocol):

@@ -161,8 +161,10 @@ class Transport(httpx.HTTPTransport):
 
     def __init__(self, context: ssl.SSLContext) -> None:
         super().__init__(verify=context, trust_env=False)
-        # httpx hands no backend on to the library below it
-        self._pool = httpcore.ConnectionPool(ssl_context=context, network_backend=_Backend(), keepalive_expiry=5.0)
+        # httpx hands no backend on to the library below it; the numbers are its own
+        self._pool = httpcore.ConnectionPool(
+            ssl_context=context, network_backend=_Backend(), max_connections=100, keepalive_expiry=5.0
+        )
 
 
 class _Backend(httpcore.NetworkBackend):

@@ -22,7 +22,7 @@ def mqtt(url: str) -> None:
     from service.gateways.mqtt_windows import MqttSettings, WindowsGateway  # noqa: PLC0415  # an extra
 
     configure_logging("INFO")
-    gateway = WindowsGateway(MqttSettings(), url, os.environ.get("PRELOAD_KEY"))
+    gateway = WindowsGateway(MqttSettings(), url, os.environ.get("PRELOAD_KEY"), os.environ.get("PRELOAD_CA_FILE"))
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())

@@ -35,6 +35,7 @@ def opcua(url: str) -> None:
         stopping = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, stopping.set)
-        await serve_opcua(settings, url, os.environ.get("PRELOAD_KEY"), stopping)
+        key, ca_file = os.environ.get("PRELOAD_KEY"), os.environ.get("PRELOAD_CA_FILE")
+        await serve_opcua(settings, url, key, stopping, ca_file)
 
     asyncio.run(run())

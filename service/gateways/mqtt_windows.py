@@ -11,10 +11,11 @@ import httpx
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from preload_client.exchange import Transport, exchange
 from service.api.http.body import JSON_TYPE, MSGPACK_TYPE
 from service.api.http.problems import MEDIA_TYPE as PROBLEM_TYPE
 from service.operations.notices.mqtt import Message, begin, new_client
-from service.operations.notices.receivers import Broker, Name
+from service.operations.notices.receivers import Broker, Name, whom_to_believe
 from service.operations.notices.senders import NotTakenError
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ MOST_BYTES = 2**28 - 1
 SESSION_EXPIRY_S = 7 * 24 * 3600
 #: The service has so long to store a message; a connection that is silent for longer than that is lost.
 TIMEOUT_S, KEEPALIVE_S = 60.0, 120
+#: And may answer with so much: some hundred bytes for each window of a message.
+MOST_OF_ANSWER = 2**24
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 30.0
 #: What may be otherwise the next time. With any other refusal it is the message that has to change.
 _LATER = frozenset({401, 408, 425, 429, 502, 503, 504})
@@ -65,10 +68,10 @@ class WindowsGateway:
     broker sends it again. The service recognises windows that it has.
     """
 
-    def __init__(self, broker: Broker, url: str, key: str | None) -> None:
+    def __init__(self, broker: Broker, url: str, key: str | None, ca_file: str | None = None) -> None:
         self._broker = broker
         headers = {"authorization": f"Bearer {key}"} if key else None
-        self._http = httpx.Client(base_url=url, timeout=TIMEOUT_S, trust_env=False, headers=headers)
+        self._http = httpx.Client(base_url=url, headers=headers, transport=Transport(whom_to_believe(ca_file)))
         name = f"preload-{broker.name}-windows"
         self._client = client = new_client(broker, name, keeps_session=True, most_bytes=MOST_BYTES)
         client.on_connect = self._connected
@@ -172,7 +175,8 @@ class WindowsGateway:
         path = f"/v1/axes/{quote(axis, safe='').replace('.', '%2E')}/windows"
         headers = {"content-type": content_type_of(message)}
         try:
-            answer = self._http.post(path, content=bytes(message.payload), headers=headers)
+            with exchange(TIMEOUT_S, MOST_OF_ANSWER):
+                answer = self._http.post(path, content=bytes(message.payload), headers=headers)
         except httpx.TransportError as error:
             raise ServiceAwayError(f"no answer of the service: {error}") from error
         is_from_service = answer.is_success or answer.headers.get("content-type") == PROBLEM_TYPE

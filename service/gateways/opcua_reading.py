@@ -8,9 +8,12 @@ from datetime import datetime
 from asyncua import ua
 from httpx import AsyncClient, HTTPError
 from pydantic import BaseModel, ValidationError
+from pydantic_core import from_json
 
 #: A service that has not answered by then is away.
 READ_WITHIN_S = 10.0
+#: No answer of it is longer: some kilobytes for each axis or alarm.
+MOST_BYTES = 2**26
 
 
 class _Doubt(BaseModel):
@@ -74,7 +77,7 @@ class ServiceAwayError(Exception):
 
 
 async def read_service(http: AsyncClient) -> Reading:
-    """Read axes and open alarms. Raises ServiceAwayError."""
+    """Read axes and open alarms, within bounds of time and bytes. Raises ServiceAwayError."""
     try:
         async with asyncio.timeout(READ_WITHIN_S):
             axes = _Axes.model_validate(await _get(http, "/v1/axes")).axes
@@ -97,9 +100,14 @@ async def _alarms(http: AsyncClient, status: str) -> list[AlarmSeen]:
 
 
 async def _get(http: AsyncClient, path: str, query: dict[str, str | int] | None = None) -> object:
-    answer = await http.get(path, params=query)
-    answer.raise_for_status()
-    return answer.json()
+    content = bytearray()
+    async with http.stream("GET", path, params=query) as answer:
+        answer.raise_for_status()
+        async for part in answer.aiter_bytes():
+            content += part
+            if len(content) > MOST_BYTES:
+                raise ValueError(f"its answer to {path} is longer than {MOST_BYTES} bytes")
+    return from_json(content)
 
 
 def quality_of(axis: AxisSeen) -> ua.StatusCode:

@@ -15,7 +15,7 @@ from service.gateways.opcua_login import OneUser, Sessions
 from service.gateways.opcua_nodes import SEVERITY, Nodes
 from service.gateways.opcua_reading import READ_WITHIN_S, ServiceAwayError, read_service
 from service.gateways.opcua_subscriptions import tell_what_holds
-from service.operations.notices.receivers import read_secret
+from service.operations.notices.receivers import read_secret, whom_to_believe
 from service.settings import is_loopback
 
 log = logging.getLogger(__name__)
@@ -51,11 +51,14 @@ class OpcuaSettings(BaseSettings):
         return self
 
 
-async def serve_opcua(settings: OpcuaSettings, url: str, key: str | None, stopping: asyncio.Event) -> None:
+async def serve_opcua(
+    settings: OpcuaSettings, url: str, key: str | None, stopping: asyncio.Event, ca_file: str | None = None
+) -> None:
     """Show a service until it is to stop; from the first answer on, so that whoever connects finds the nodes."""
     server = await new_server(settings)
     headers = {"authorization": f"Bearer {key}"} if key else None
-    http = AsyncClient(base_url=url, timeout=READ_WITHIN_S, trust_env=False, headers=headers)
+    tls = whom_to_believe(ca_file)
+    http = AsyncClient(base_url=url, verify=tls, timeout=READ_WITHIN_S, trust_env=False, headers=headers)
     async with http, AsyncExitStack() as listening:
         nodes, is_open = await Nodes.make(server), False
         while not stopping.is_set():

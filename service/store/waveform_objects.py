@@ -18,8 +18,10 @@ from service.store.waveform_files import FOLDER, SUFFIX, Content, FolderFiles, W
 
 #: Fetched at once: a frame of a few windows as a whole.
 _BLOCK_BYTES = 2**20
-#: A store that does not answer is given up after some seconds, and whoever sends is asked to send again.
-_PATIENCE = {"connect_timeout": 5, "read_timeout": 20, "retries": {"max_attempts": 2}}
+#: A store that does not answer is given up after some seconds, and whoever sends is asked to send again. One that drips
+#: has a byte in time for each wait: a request takes no longer than so in all.
+_CONNECT_S, _READ_S, TOTAL_S = 5, 20, 60.0
+_PATIENCE = {"connect_timeout": _CONNECT_S, "read_timeout": _READ_S, "retries": {"max_attempts": 2}}
 
 
 class ObjectFiles:
@@ -36,7 +38,8 @@ class ObjectFiles:
             ) from error
         self._root = url.removeprefix("s3://").rstrip("/")
         # Others write there, too: nothing of it is remembered.
-        self._store: Any = S3FileSystem(use_listings_cache=False, skip_instance_cache=True, config_kwargs=_PATIENCE)
+        patience = _PATIENCE | {"http_session_cls": _bounded_session()}
+        self._store: Any = S3FileSystem(use_listings_cache=False, skip_instance_cache=True, config_kwargs=patience)
 
     def append(self, axis_id: str, folder: str, content: Content, size: int) -> "_ObjectFrame":
         """Write an object."""
@@ -119,6 +122,19 @@ def _as_of_a_disk() -> Iterator[None]:
         yield
     except (BotoCoreError, ClientError) as error:
         raise OSError(errno.EIO, str(error)) from error
+
+
+def _bounded_session() -> type:
+    """Return the library's own way of HTTP, each request of which ends within a total time, its content included."""
+    from aiobotocore.httpsession import AIOHTTPSession  # noqa: PLC0415  # comes with s3fs
+    from aiohttp import ClientTimeout  # noqa: PLC0415  # likewise
+
+    class Session(AIOHTTPSession):  # type: ignore[misc]  # the library has no types
+        def __init__(self, *arguments: Any, **more: Any) -> None:  # noqa: ANN401 - the library's
+            super().__init__(*arguments, **more)
+            self._timeout = ClientTimeout(TOTAL_S, sock_connect=_CONNECT_S, sock_read=_READ_S)
+
+    return Session
 
 
 def files_at(data_dir: Path, url: str | None) -> WaveformFiles:

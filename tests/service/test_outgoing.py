@@ -1,5 +1,6 @@
 """What goes out is bounded and verified: by local servers that show foreign certificates, drip, or never end."""
 
+import asyncio
 import re
 import socket
 import ssl
@@ -8,18 +9,24 @@ from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
+from paho.mqtt.client import MQTTMessage
 
+import preload_client
+from preload_client import Client, UnreachableError
 from service.clock import now
 from service.errors import DataFolderError
-from service.gateways.mqtt_windows import MqttSettings
+from service.gateways import mqtt_windows, opcua_reading
+from service.gateways.mqtt_windows import MqttSettings, ServiceAwayError, WindowsGateway
+from service.gateways.opcua_reading import read_service
 from service.operations.notices import mail as mailing, mqtt, webhook as posting
 from service.operations.notices.mail import MailSender
 from service.operations.notices.mqtt import MqttSender
 from service.operations.notices.receivers import Broker, Mail, Webhook, read_receivers
 from service.operations.notices.senders import MOST_BYTES, NotTakenError, Sender
 from service.operations.notices.webhook import WebhookSender
-from service.store import notices
+from service.store import notices, waveform_objects
 from service.store.tables import NoticeRow
 from tests.service.servers import WITHOUT_END, MailServer, foreign_certificate, talking, until_it_ends
 from tests.service.test_access import served
@@ -226,3 +233,72 @@ def test_a_receiver_that_drips_is_shown_as_failing(tmp_path: Path) -> None:
     assert 'preload_receiver_failing{receiver="desk"} 1.0' in measured
     assert 'preload_receiver_waiting{receiver="desk"} 1.0' in measured
     assert re.search(r"desk</th>\s*<td[^>]*><strong class=\"bad\">", page)
+
+
+# --- to the own service, and to a store -------------------------------------------------------------------------------
+
+DRIPPING_BODY = b"HTTP/1.1 200 OK\r\ncontent-type: application/json\r\n\r\n"
+
+
+def dripping() -> Any:
+    """Return a server of HTTP that begins well and goes on byte by byte."""
+    return talking(lambda to: void(until_it_ends(greeted(to, DRIPPING_BODY), b" ", 0.02)))
+
+
+def flooding() -> Any:
+    """Return a server of HTTP that begins well and does not end."""
+    return talking(lambda to: void(until_it_ends(greeted(to, DRIPPING_BODY), 2**16 * b" ")))
+
+
+def test_a_client_waits_and_reads_within_bounds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(preload_client.client, "_MOST_BYTES", 2**16)
+    monkeypatch.setattr(preload_client.client, "_TRANSFER_S", 0.5)
+    with dripping() as port, Client(f"http://127.0.0.1:{port}", timeout_s=0.5, retries=0) as client:
+        with pytest.raises(UnreachableError, match=r"did not end within 0\.5 s"):
+            client.axes()
+        with pytest.raises(httpx.ReadTimeout, match=r"did not end within 0\.5 s"):
+            client.table("/v1/alarms", tmp_path / "alarms.json")
+    with (
+        flooding() as port,
+        Client(f"http://127.0.0.1:{port}", retries=0) as client,
+        pytest.raises(UnreachableError, match="longer than 65536 bytes"),
+    ):
+        client.axes()
+
+
+def test_the_gateways_wait_and_read_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mqtt_windows, "TIMEOUT_S", 0.5)
+    monkeypatch.setattr(mqtt_windows, "MOST_OF_ANSWER", 2**16)
+    monkeypatch.setattr(opcua_reading, "READ_WITHIN_S", 0.5)
+    monkeypatch.setattr(opcua_reading, "MOST_BYTES", 2**16)
+
+    def post(port: int) -> None:
+        gateway = WindowsGateway(MqttSettings(), f"http://127.0.0.1:{port}", None)
+        gateway._post("axis", MQTTMessage(topic=b"preload/axes/axis/windows"))
+
+    async def read(port: int) -> None:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", trust_env=False, timeout=60.0) as http:
+            await read_service(http)
+
+    with dripping() as port:
+        with pytest.raises(ServiceAwayError, match=r"did not end within 0\.5 s"):
+            post(port)
+        with pytest.raises(opcua_reading.ServiceAwayError, match=r"has not answered within 0\.5 s"):
+            asyncio.run(read(port))
+    with flooding() as port:
+        with pytest.raises(ServiceAwayError, match="longer than 65536 bytes"):
+            post(port)
+        with pytest.raises(opcua_reading.ServiceAwayError, match="longer than 65536 bytes"):
+            asyncio.run(read(port))
+
+
+@pytest.mark.release
+def test_a_store_is_waited_for_within_a_total_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("s3fs")
+    monkeypatch.setattr(waveform_objects, "TOTAL_S", 0.2)
+    with talking(lambda to: void(until_it_ends(greeted(to, b"HTTP/1.1 200 OK\r\n"), b"x", 0.02))) as port:
+        for name, value in {"ENDPOINT_URL": f"http://127.0.0.1:{port}", "ACCESS_KEY_ID": "a", "SECRET_ACCESS_KEY": "b",
+                            "DEFAULT_REGION": "us-east-1"}.items():  # fmt: skip
+            monkeypatch.setenv(f"AWS_{name}", value)
+        with pytest.raises(OSError, match=r"(?i)timeout"):
+            waveform_objects.ObjectFiles("s3://waveforms").read("raw/frame", 0)

@@ -53,10 +53,15 @@ class Client:
     """
 
     def __init__(self, url: str) -> None:
+        ca_file = os.environ.get("PRELOAD_CA_FILE")
         try:
-            self._service = preload_client.Client(url, os.environ.get("PRELOAD_KEY"), retries=0, timeout_s=TIMEOUT_S)
+            self._service = preload_client.Client(
+                url, os.environ.get("PRELOAD_KEY"), retries=0, timeout_s=TIMEOUT_S, ca_file=ca_file
+            )
         except (httpx.InvalidURL, TypeError) as error:
             raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}") from error
+        except OSError as error:
+            raise click.ClickException(f"the certificates in {ca_file} cannot be read: {error}") from error
 
     def __enter__(self) -> Self:
         """Return itself."""

@@ -167,7 +167,7 @@ def read_receivers(path: Path | None) -> Receivers:
     return receivers
 
 
-def whom_to_believe(ca_file: Path | None) -> "SSLContext":
+def whom_to_believe(ca_file: Path | str | None) -> "SSLContext":
     """Return what TLS verifies by. Raises DataFolderError if the file holds no certificate of an authority."""
     from preload_client.exchange import tls_context  # noqa: PLC0415  # brings an HTTP client
 
