@@ -99,13 +99,15 @@ def test_it_works_by_keyboard(fresh_service: Site, visit: Visit) -> None:
 
 @pytest.mark.parametrize(
     ("typed", "sentence"),
-    canary([
-        ({"name": "normal"}, "an axis 'normal' is registered already"),
-        ({"name": "new"}, "choose another name"),
-        ({"name": "***"}, "name: "),
-        ({"name": "X", "screw_diameter_mm": "0"}, "screw_diameter_mm: Input should be greater than or equal to 1"),
-        ({"name": "X", "screw_lead_mm": "six"}, "screw_lead_mm"),
-    ]),
+    canary(
+        [
+            ({"name": "normal"}, "an axis 'normal' is registered already"),
+            ({"name": "new"}, "choose another name"),
+            ({"name": "***"}, "name: "),
+            ({"name": "X", "screw_diameter_mm": "0"}, "screw_diameter_mm: Input should be greater than or equal to 1"),
+            ({"name": "X", "screw_lead_mm": "six"}, "screw_lead_mm"),
+        ]
+    ),
 )
 def test_what_does_not_fit_is_said_and_nothing_typed_is_lost(
     served: Site, visit: Visit, typed: dict[str, str], sentence: str

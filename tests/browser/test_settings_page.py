@@ -96,15 +96,17 @@ def test_the_second_is_told_what_the_first_changed(fresh_service: Site, visit: V
 
 @pytest.mark.parametrize(
     ("label", "typed", "sentence"),
-    canary([
-        ("False alarms a year", "few", "false_alarms_per_year: expected a number; got 'few'"),
-        ("False alarms a year", "-1", "false_alarms_per_year: Input should be greater than or equal to 0.000001"),
-        ("Windows of a measurement", "2.5", "windows_per_measurement: Input should be a valid integer"),
-        ("Windows of a measurement", "inf", "windows_per_measurement: Input should be"),
-        ("Search band from, in Hz", "", "expected both ends of the band, or neither; got one of them"),
-        ("Search band from, in Hz", "300", "search_band_hz must be [low, high] with low < high"),
-        ("Commissioned preload, in N", "300", "commissioned_preload_n and commissioned_at are stated together"),
-    ]),
+    canary(
+        [
+            ("False alarms a year", "few", "false_alarms_per_year: expected a number; got 'few'"),
+            ("False alarms a year", "-1", "false_alarms_per_year: Input should be greater than or equal to 0.000001"),
+            ("Windows of a measurement", "2.5", "windows_per_measurement: Input should be a valid integer"),
+            ("Windows of a measurement", "inf", "windows_per_measurement: Input should be"),
+            ("Search band from, in Hz", "", "expected both ends of the band, or neither; got one of them"),
+            ("Search band from, in Hz", "300", "search_band_hz must be [low, high] with low < high"),
+            ("Commissioned preload, in N", "300", "commissioned_preload_n and commissioned_at are stated together"),
+        ]
+    ),
 )
 def test_what_cannot_be_is_said_at_the_form(
     served: Site, visit: Visit, label: str, typed: str, sentence: str

@@ -52,11 +52,13 @@ def test_work_that_is_killed_again_says_so(tmp_path: Path) -> None:
     assert (tmp_path / "begun").read_text() == ".."
 
 
+@pytest.mark.release  # the process that others are forked from is started anew
 def test_work_goes_on_without_the_process_that_it_came_from(tmp_path: Path) -> None:
     assert in_own_process(partial(kills_where_it_comes_from, tmp_path / "begun"), lambda _: None, Progress(0)) == "anew"
 
 
-def test_a_job_whose_process_cannot_be_handed_its_work_is_begun_anew(tmp_path: Path) -> None:
+@pytest.mark.release  # the process that others are forked from is started anew
+def test_work_that_cannot_be_handed_over_is_begun_anew(tmp_path: Path) -> None:
     """The process that others are forked from is killed while nothing is at work: the pipe to it is broken."""
     in_own_process(partial(is_killed_at_first, tmp_path / "first", 0), lambda _: None, Progress(0))
     os.kill(_forkserver._forkserver_pid, signal.SIGKILL)

@@ -223,7 +223,10 @@ def test_table_from_error_to_status() -> None:
     ("settings", "sentence"),
     [
         ({"search_band_hz": (230, 140)}, "search_band_hz must be [low, high] with low < high; got [230.0, 140.0]"),
-        ({"false_alarms_per_year": -1}, "false_alarms_per_year: Input should be greater than or equal to 0.000001; got -1"),
+        (
+            {"false_alarms_per_year": -1},
+            "false_alarms_per_year: Input should be greater than or equal to 0.000001; got -1",
+        ),
         ({"machine": "\n"}, "machine: String should match pattern '^[^\\x00-\\x1f\\x7f]+$'; got '\\n'"),
     ],
 )

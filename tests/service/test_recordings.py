@@ -205,11 +205,13 @@ def look_not_in(service: int, *arguments: Any) -> Look:
 
 @pytest.mark.parametrize(
     ("broken", "bounds", "word"),
-    canary([
-        (stand_ins.aborts, BOUNDS, "by signal SIGABRT"),
-        (stand_ins.never_ends, Bounds(2**30, 3.0), "is read within"),
-        (stand_ins.takes_all_memory, Bounds(2**30, 900.0), "1024 MiB of memory"),
-    ]),
+    canary(
+        [
+            (stand_ins.aborts, BOUNDS, "by signal SIGABRT"),
+            (stand_ins.never_ends, Bounds(2**30, 3.0), "is read within"),
+            (stand_ins.takes_all_memory, Bounds(2**30, 900.0), "1024 MiB of memory"),
+        ]
+    ),
 )
 def test_recording_that_ends_its_reader_does_not_end_the_service(
     taking: Api, monkeypatch: pytest.MonkeyPatch, broken: Callable[..., Look], bounds: Bounds, word: str
