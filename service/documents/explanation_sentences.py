@@ -1,9 +1,11 @@
 """Put the records of an explanation into sentences, by the keys that files and programs use or by names for people."""
 
 import math
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Final
 
 from monitor_core.discrepancy import (
@@ -17,7 +19,6 @@ from monitor_core.discrepancy import (
     FoundParameter,
     MisfitPlace,
     NextStep,
-    StepKind,
     Unfinished,
     Untested,
     UntestedReason,
@@ -33,6 +34,13 @@ class Wording:
     parameter: Callable[[str], str]  # of its name in files
     extent: Callable[[Extent], str]
     longest_list: int | None  # of effects that cannot be seen; of a longer one the rest is counted
+
+
+@cache
+def texts(table: str) -> Mapping[str, str]:
+    """Return a table of the file of texts that lies beside this module."""
+    tables: dict[str, dict[str, str]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    return tables[table]
 
 
 # --- names for people
@@ -186,19 +194,11 @@ def _with_unit(value: float, unit: str) -> str:
     return f"{value:.3g}" + ("" if unit == "-" else f" {unit}")
 
 
-_UNTESTED: Final = {
-    UntestedReason.NO_ANSWER: "the model has no answer with it",
-    UntestedReason.BELOW_NOISE: "no value within its range would be seen",
-    UntestedReason.WITHOUT_TRACE: "nothing that was measured moves with it",
-    UntestedReason.TIME_UP: "time was up",
-}
-
-
 def untested_sentence(untested: Untested) -> str:
     """Return why an effect could not be tested."""
     if untested.reason is UntestedReason.NOT_VARIED:
         return f"{', '.join(untested.not_varied)} does not vary"
-    return _UNTESTED[untested.reason]
+    return texts("untested")[untested.reason]
 
 
 def unfinished_sentence(unfinished: Unfinished, wording: Wording) -> str:
@@ -237,7 +237,7 @@ def next_measurement(steps: Sequence[NextStep], wording: Wording = KEYS) -> str:
 
 def step_sentence(step: NextStep, wording: Wording) -> str:
     """Return what to measure or to check next, without a capital and a full stop."""
-    return _TEXTS[step.kind].format(**_fields(step, wording))
+    return texts("next_step")[step.kind].format(**_fields(step, wording))
 
 
 def plain(value: float, digits: int = 3) -> str:
@@ -258,7 +258,7 @@ def _fields(step: NextStep, wording: Wording) -> dict[str, object]:
     unit, per_unit = _SHOWN_IN.get(step.condition, ("", 1.0))
     values = {name: _Number(value) for name, value in step.values.items()}
     values |= {f"{name}m": _Number(1e3 * value) for name, value in step.values.items() if name.endswith("_m")}
-    phrases = {name: text.format(**values) if needed in values else "" for name, (needed, text) in _PHRASES.items()}
+    phrases = {name: _filled(text, values) for name, text in texts("phrase").items()}
     return {
         "channel": step.quantity,
         "tag": _tag(step.quantity),
@@ -281,10 +281,17 @@ def _fields(step: NextStep, wording: Wording) -> dict[str, object]:
         "at": f"{step.settings[0]} at an excitation level of" if step.settings else "at",
         "what": "measure whole frequency responses" if step.condition is _RESPONSES else f"vary the {step.condition}",
         **phrases,
-        "change": _CHANGES.get(step.condition, "").format(**phrases),
+        "change": texts("change").get(step.condition or "", "").format(**phrases),
         "three_levels": " to a third and to three times of what it is" if step.condition is ConditionAxis.LEVEL else "",
         **values,
     }
+
+
+def _filled(text: str, values: Mapping[str, float]) -> str:
+    try:
+        return text.format(**values)
+    except KeyError:
+        return ""
 
 
 def _listed(names: Sequence[str], most: int | None) -> str:
@@ -309,125 +316,4 @@ _SHOWN_IN: Final[Mapping[ConditionAxis | None, tuple[str, float]]] = {
     ConditionAxis.PRELOAD: (" N", 1.0),
     ConditionAxis.PAYLOAD: (" kg", 1.0),
     ConditionAxis.TEMPERATURE: (" K", 1.0),
-}
-#: What a text has where a value is known, and nothing in its place where it is not.
-_PHRASES: Final = {
-    "band": ("lowest_hz", " from {lowest_hz:2} to {highest_hz:2} Hz"),
-    "along": ("screw_length_m", " along the {screw_length_mm} mm of the screw"),
-    "of_mass": ("mass_kg", " of {mass_kg} kg"),
-    "mass": ("mass_kg", "{mass_kg} kg"),
-    "inertia": ("inertia_kg_m2", "{inertia_kg_m2} kg·m²"),
-    "preloads": ("lowest_n", " from {lowest_n:2} to {highest_n:2} N"),
-    "warmer": ("warming_k", " by {warming_k} K"),
-    "warming": ("warming_k", "{warming_k} K warmer"),
-    "motion": ("speed_m_per_s", " with a second motion at {speed_m_per_s:2} m/s"),
-}
-#: Under which other conditions to measure.
-_CHANGES: Final[Mapping[ConditionAxis | None, str]] = {
-    ConditionAxis.PAYLOAD: "with {mass} more on the table",
-    ConditionAxis.TEMPERATURE: "{warming}",
-    ConditionAxis.LEVEL: "at a third of the excitation",
-    ConditionAxis.POSITION: "at positions in between",
-}
-_TEXTS: Final = {
-    StepKind.OTHER_CONDITIONS: (
-        "measure all settings {change}: {effect} would then differ from {distances} standard deviations"
-    ),
-    StepKind.LOOK_AT_PARTS: (
-        "no change of conditions distinguishes {effect} from {others}: look at the parts themselves, {sizes}, or "
-        "change one of them on purpose and measure {settings[0]} again"
-    ),
-    StepKind.RESPONSES_TO_DISTINGUISH: (
-        "measure whole frequency responses{band}, which distinguish {effect} from {all_others}"
-    ),
-    StepKind.MORE_POSITIONS: "measure at {n_positions} positions or more{along}",
-    StepKind.KNOWN_MASS: "measure with and without a known added mass{of_mass}",
-    StepKind.VARY: "{what}{band}{warmer}{three_levels}{preloads}{motion}, without which {unseen} cannot be seen",
-    StepKind.WITHIN_TURN: (
-        "measure within one turn of the screw, at {levels[0]:4}, {levels[1]:4}, {levels[2]:4}{unit}: {parameter} would "
-        "be {factors[0]}, {factors[1]}, {factors[2]} of its mean"
-    ),
-    StepKind.WITHIN_TURN_OF_STATED: (
-        "measure within one turn of the screw, at {levels[0]:4}, {levels[1]:4}, {levels[2]:4}{unit}: {parameter} would "
-        "be {factors[0]}, {factors[1]}, {factors[2]} of what is stated"
-    ),
-    StepKind.BETWEEN_LEVELS: (
-        "measure {at} {levels[0]}{unit}, between {levels[1]} and {levels[2]}, where nothing was measured: by this law "
-        "{parameter} would be {factors[0]} of its level there, and {factors[1]} at {levels[1]}{unit}"
-    ),
-    StepKind.FINER_POSITIONS: (
-        "measure between {lowest_mm:4} and {highest_mm:4} mm in steps of {step_mm:2} mm, and at three positions within "
-        "one turn of the screw: what comes and goes with the turn is of the thread"
-    ),
-    StepKind.FINER_ABOUT: (
-        "measure about {lowest_mm:4} mm in steps of {step_mm:2} mm, and at three positions within one turn of the "
-        "screw: what comes and goes with the turn is of the thread"
-    ),
-    StepKind.REPEAT_IN_RANDOM_ORDER: (
-        "measure the first settings once more at the end, and all of them in random order, which distinguishes "
-        "{effect} from what changes with time"
-    ),
-    StepKind.THREE_LEVELS: (
-        "measure some of the settings at a third of the usual excitation and at three times as much, which "
-        "distinguishes {effect} from what goes with the excitation by another law"
-    ),
-    StepKind.TWO_SETTINGS: (
-        "measure {settings[0]} and {settings[1]} again, three times in turns: {parameter} at the {place} would be "
-        "{factor_at_first} times what it is at the first and {factor_at_second} times at the second; what stays "
-        "follows from how the axis is set, what does not from time"
-    ),
-    StepKind.TAP_SCREW: (
-        "tap the screw across, near its middle, with an accelerometer on it there: one that bends rings at "
-        "{frequency_hz} Hz; then look whether nut, guides and bearings are in line"
-    ),
-    StepKind.HOLD_PART: (
-        "look at the {place} for what swings at {frequency_hz} Hz with {mass}{inertia}, hold it fast or take it off, "
-        "and measure {settings[0]} again from {lowest_hz} to {highest_hz} Hz: the resonance must go"
-    ),
-    StepKind.REPEAT_NOW: (
-        "measure {settings[0]}, the first that was measured, again now: {parameter} would be {factors[0]} of what it "
-        "was then, if it goes with time"
-    ),
-    StepKind.LOWER_LEVEL: (
-        "measure {settings[0]} at a third of the excitation, too: what then changes depends on the amplitude, as "
-        "friction and play do"
-    ),
-    StepKind.REPEAT_FIRST: (
-        "repeat {settings[0]}, the first that was measured, in the middle and at the end: what differs is a drift, and "
-        "no model has it"
-    ),
-    StepKind.CHECK_TAG: (
-        "check the tag of {settings[0]}: its {tag} would have to be {pull:2} of its standard deviations from what is "
-        "stated, where others have {pull_of_others:1}"
-    ),
-    StepKind.READ_TAGS: (
-        "read the {tag} of every record again, first that of {settings[0]}: they scatter {scatter_over_stated:2} times "
-        "as much as is stated"
-    ),
-    StepKind.CHECK_GAIN: (
-        "check unit and gain of {channel}: it is {factor} times the model's from {lowest_hz} to {highest_hz} Hz alike"
-    ),
-    StepKind.SECOND_ACCELEROMETER: (
-        "put a second accelerometer elsewhere, on the bed, the nut or a cover, and measure from {lowest_hz} to "
-        "{highest_hz} Hz with lines at most {spacing_hz:2} Hz apart: a peak that stays there at all positions is of "
-        "what swings by itself, one that wanders is of the drive"
-    ),
-    StepKind.RESPONSES_ABOUT: (
-        "measure whole responses about {frequency_hz} Hz: one frequency does not say what its mode moves"
-    ),
-    StepKind.MORE_PRELOADS: (
-        "measure more preloads about {lowest_n:4} to {highest_n:4} N, one of them twice, newly set each time"
-    ),
-    StepKind.WEIGH_PAYLOAD: "weigh what is on the table at {mass_kg:4} kg, and measure without and with half of it",
-    StepKind.COLD_AGAIN: "measure {warming_k:4} K warmer and cold again: what does not come back is no temperature",
-    StepKind.MORE_LEVELS: "measure {settings[0]} at levels of {lowest:4} to {highest:4} and two between them",
-    StepKind.ANOTHER_SENSOR: (
-        "measure {settings[0]} again with another sensor and cable for {channel}, which alone holds most of what is "
-        "left"
-    ),
-    StepKind.OTHER_SPEEDS: (
-        "repeat the motion forward and backward at half and at twice the speed, {slower_m_per_s:2} and "
-        "{faster_m_per_s:2} m/s: friction goes with speed and direction, a mass with the acceleration alone"
-    ),
-    StepKind.MOVE_KNOWN_MASS: "measure it with a known mass of {mass_kg} kg on the table, too",
 }

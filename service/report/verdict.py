@@ -12,43 +12,11 @@ from service.documents.explanation_sentences import (
     assumption_sentences,
     name_of,
     parameter_words,
+    texts,
     unfinished_sentence,
 )
 from service.report.rounding import compared_with_stated, rounded, unit_shown
 
-_MEANING: Final = {
-    Outcome.NAMED: (
-        "Named: with what is added the model holds{judged}. It does not mean that nothing else is there: an effect "
-        "below its detection limit would not be noticed, nor would one that is not in the catalogue but acts alike on "
-        "these data."
-    ),
-    Outcome.EQUIVALENT: (
-        "Equivalent: something is missing, and these data cannot tell which of the effects listed it is. The first "
-        "of them is in the model only because one must be; the data do not prefer it to the others."
-    ),
-    Outcome.PARTIAL: (
-        "Partial: what is added holds{judged}, but does not close the gap. Nothing in the catalogue explains the "
-        "remainder, and the values found may have taken up part of it."
-    ),
-    Outcome.NONE: (
-        "None: the model, adjusted within its tolerances, agrees with the measurement to its noise. It does not mean "
-        "that the axis has no other effect: an effect that is smaller than its detection limit below could still hide, "
-        "and so could an effect that these data cannot test."
-    ),
-    Outcome.DESCRIBED: (
-        "Described: no effect of the catalogue explains the gap, but where it sits and how it behaves holds{judged}. "
-        "It is no name: several causes may behave like that."
-    ),
-    Outcome.UNKNOWN: (
-        "Unknown: model and measurement disagree by more than noise, and no effect of the catalogue, alone or with "
-        "others, explains that to the noise floor. The cause may lie outside of the catalogue, in the measurement, or "
-        "in the description of the axis."
-    ),
-}
-_UNFINISHED = (
-    "Unfinished: this is what the search had come to when its time was up, and no verdict. Another effect may explain "
-    "the same as well or better, or what is left."
-)
 _HELD = " on data that were not used to choose it"
 _NOT_HELD = " on the data it was chosen by"
 _WHEN_HELD_OUT = "None could be held out; of five positions or more, two would be."
@@ -107,8 +75,8 @@ def _described(explanation: Explanation, names: str) -> str:
 def meaning(explanation: Explanation) -> str:
     """Say what the outcome means, and what it does not."""
     if explanation.unfinished:
-        return _UNFINISHED
-    words = _MEANING[explanation.outcome]
+        return texts("meaning")["unfinished"]
+    words = texts("meaning")[explanation.outcome]
     if "{judged}" not in words or not nothing_held_out(explanation):
         return words.format(judged=_HELD)
     return f"{words.format(judged=_NOT_HELD)} {_WHEN_HELD_OUT}"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from monitor_core.discrepancy import Described, FoundParameter, Outcome
+from monitor_core.discrepancy import Described, FoundParameter, Outcome, StepKind, UntestedReason
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.next_steps import next_steps, steps_to_locate
 from monitor_core.effects import Form, Law, Variable
@@ -18,7 +18,7 @@ from monitor_core.fitting.comparison import Setting
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.uncertainty import Estimate
-from service.documents.explanation_sentences import KEYS, next_measurement, step_sentence
+from service.documents.explanation_sentences import KEYS, next_measurement, step_sentence, texts
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 
 QUANTITY = re.compile(r"\d[\d.]* (mm|m|N|kg|K|Hz|s|m/s)\b")
@@ -234,3 +234,10 @@ def test_sizes_are_those_of_the_machine() -> None:
     assert "a known added mass of 100 kg" in text
     assert "vary the preload from 1500 to 3000 N, without which unseen cannot be seen" in text
     assert "measure whole frequency responses from 8 to 400 Hz, without which unseen cannot be seen" in text
+
+
+def test_each_kind_of_step_reason_and_outcome_has_its_sentence() -> None:
+    assert texts("next_step").keys() == set(StepKind)
+    assert texts("untested").keys() == set(UntestedReason) - {UntestedReason.NOT_VARIED}
+    assert texts("meaning").keys() == {*Outcome, "unfinished"}
+    assert texts("change").keys() < set(ConditionAxis)
