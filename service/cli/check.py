@@ -22,7 +22,7 @@ from service.cli.options import json_option
 from service.cli.output import print_json, print_line, print_table
 from service.cli.targets import require_target
 from service.documents.file_check import json_fact
-from service.json_types import JsonObject
+from service.documents.measurement import members
 from service.operations.foreign_file import read_foreign
 
 _TERMINAL = "-"
@@ -145,40 +145,28 @@ def _channels_of_session(file: Path) -> Sequence[Channel]:
     return [*channels, Channel("position", np.concatenate(traces))] if traces else channels
 
 
-def _document(report: FileReport, written: Sequence[Path]) -> JsonObject:
+def _document(report: FileReport, written: Sequence[Path]) -> dict[str, object]:
     return {
-        "format": report.format,
-        "valid": report.valid,
-        "problems": list(report.problems),
+        **members(report, "format", "valid", "problems", "usable_by", "usable_with_map", "doubts"),
         "channels": [_channel_document(channel) for channel in report.channels],
-        "usable_by": list(report.usable_by),
-        "usable_with_map": list(report.usable_with_map),
         "commands": {use.command: use.line for use in report.uses},
         "next_step": report.next_step or None,
         "contents": {name: json_fact(value) for name, value in report.contents},
-        "doubts": list(report.doubts),
         "written": [str(path) for path in written],
     }
 
 
-def _channel_document(channel: ChannelSummary) -> JsonObject:
+def _channel_document(channel: ChannelSummary) -> dict[str, object]:
     return {
-        "name": channel.name,
-        "shape": list(channel.shape),
-        "unit": channel.unit,
+        **members(channel, "name", "shape", "unit"),
         "sample_rate_hz": channel.sample_rate,
         "started_at": None if channel.started_at is None else format_instant(channel.started_at),
-        "clock": channel.clock,
-        "looks_like": None if channel.kind is None else str(channel.kind),
-        "first_values": list(channel.first_values),
-        "minimum": channel.minimum,
-        "maximum": channel.maximum,
+        "looks_like": channel.kind,
+        **members(channel, "clock", "first_values", "minimum", "maximum", "remarks", "doubts"),
         "not_finite": channel.n_not_finite,
         "constant": channel.is_constant,
         "stuck": channel.is_stuck,
         "clipped": channel.is_clipped,
-        "remarks": list(channel.remarks),
-        "doubts": list(channel.doubts),
     }
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from pydantic import TypeAdapter
 
 from service.clock import text_of
-from service.documents.measurement import finite_or_null
+from service.documents.measurement import finite_or_null, members
 from service.json_types import JsonObject
 from service.store.tables import MeasurementRow
 
@@ -59,13 +59,8 @@ def examined_document(
     return finite_or_null({
         "examined": True,
         "at": text_of(at),
-        "outcome": str(attribution.outcome),
-        "cause": str(attribution.cause),
-        "confidence": attribution.confidence,
         "sentence": attribution_sentence(attribution),
-        "equivalent_to": [str(cause) for cause in attribution.equivalent_to],
-        "gap_before": float(attribution.gap_before),
-        "gap_after": float(attribution.gap_after),
+        **members(attribution, "outcome", "cause", "confidence", "equivalent_to", "gap_before", "gap_after"),
         "changes": [_change(change) for change in attribution.changes],
         "reference": _measured(reference),
         "recent": _measured(recent),
@@ -95,16 +90,12 @@ def read_cause(document: JsonObject) -> StatedCause:
     return _CAUSE.validate_python(document)
 
 
-def _change(change: "TriedChange") -> JsonObject:
+def _change(change: "TriedChange") -> dict[str, object]:
     return {
-        "cause": str(change.cause),
         "effect": change.key,
-        "probability": change.probability,
-        "size": None if change.size is None else float(change.size.value),
-        "size_standard_uncertainty": None if change.size is None else float(change.size.standard_uncertainty),
-        "unit": change.unit,
-        "delta_bic": float(change.delta_bic),
-        "gap": float(change.gap),
+        "size": None if change.size is None else change.size.value,
+        "size_standard_uncertainty": None if change.size is None else change.size.standard_uncertainty,
+        **members(change, "cause", "probability", "unit", "delta_bic", "gap"),
         "sentence": change_sentence(change),
     }
 

@@ -10,6 +10,7 @@ from monitor_core.recordings.raw.inspection import ChannelSummary
 from monitor_core.recordings.raw.proposal.entries import MapProposal
 from monitor_core.recordings.recognition import KINDS
 from service.documents.map_form import map_fields
+from service.documents.measurement import finite_or_null, members
 from service.json_types import Json, JsonObject
 
 _MOST_CHANNELS: Final = 200
@@ -36,14 +37,8 @@ def file_check_document(
 
 
 def _channel(channel: ChannelSummary) -> JsonObject:
-    return {
-        "name": channel.name,
-        "shape": list(channel.shape),
-        "unit": channel.unit,
-        "sample_rate_hz": channel.sample_rate,
-        "looks_like": None if channel.kind is None else str(channel.kind),
-        "remarks": list(channel.remarks),
-    }
+    named = members(channel, "name", "shape", "unit", "remarks")
+    return finite_or_null({**named, "sample_rate_hz": channel.sample_rate, "looks_like": channel.kind})
 
 
 def json_fact(value: object, most: int | None = None) -> Json:

@@ -14,7 +14,7 @@ from monitor_core.identification import (
 from monitor_core.recordings.calibration_file import calibration_document
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.model_file import model_file_text
-from service.documents.measurement import finite_or_null
+from service.documents.measurement import finite_or_null, members
 from service.json_types import JsonObject
 
 #: What the objective may be, by its names on the wire and on the command line.
@@ -26,61 +26,45 @@ def identification_document(found: IdentifiedJoints) -> JsonObject:
     return finite_or_null({
         "parameters": {name: _parameter(joint) for name, joint in found.joints.items()},
         "identifiable": {name: joint.identifiable for name, joint in found.joints.items()},
-        "not_identifiable": list(found.not_identifiable),
+        "not_identifiable": found.not_identifiable,
         "sums": [_sum(known) for known in found.sums],
-        "correlations": {"names": list(found.joints), "matrix": found.correlations.tolist()},
+        "correlations": {"names": list(found.joints), "matrix": found.correlations},
         "objective": _objective(found.quality),
         "held_out": None if found.held_out is None else _held_out(found.held_out),
-        "missing_modes": list(found.missing_modes),
+        "missing_modes": found.missing_modes,
         "next_positions": [_further(there) for there in found.next_positions],
-        "taken_as": list(found.assumptions),
+        "taken_as": found.assumptions,
         "modes_to_monitor": [_mode_to_monitor(mode) for mode in found.modes_to_monitor],
         "calibration": None if found.calibration is None else calibration_document(found.calibration),
         "model": model_file_text(found.model),
     })  # fmt: skip
 
 
-def _parameter(joint: IdentifiedJoint) -> JsonObject:
+def _parameter(joint: IdentifiedJoint) -> dict[str, object]:
     interval = joint.interval
     return {
-        "value": joint.estimate.value,
-        "standard_uncertainty": joint.estimate.standard_uncertainty,
+        **members(joint.estimate, "value", "standard_uncertainty"),
         "unit": joint.unit,
         "interval_95": None if interval is None else [interval.lower, interval.upper],
         "interval_kind": "profile of χ²" if joint.from_profile else "linear in the logarithm",
-        "verdict": str(joint.verdict),
-        "at_limit": joint.at_limit,
+        **members(joint, "verdict", "at_limit"),
     }
 
 
-def _sum(known: KnownSum) -> JsonObject:
+def _sum(known: KnownSum) -> dict[str, object]:
+    return members(known, "of", "unit") | members(known.estimate, "value", "standard_uncertainty")
+
+
+def _objective(quality: FitQuality) -> dict[str, object]:
     return {
-        "of": list(known.of),
-        "value": known.estimate.value,
-        "standard_uncertainty": known.estimate.standard_uncertainty,
-        "unit": known.unit,
-    }
-
-
-def _objective(quality: FitQuality) -> JsonObject:
-    document: JsonObject = {
-        "kind": quality.kind,
-        "chi_squared": quality.chi_squared,
-        "degrees_of_freedom": quality.degrees_of_freedom,
-        "residual_standard_deviation": quality.residual_standard_deviation,
-        "lack_of_fit": quality.lack_of_fit,
-        "starts": quality.starts,
-        "starts_agreeing": quality.starts_agreeing,
-        "evaluations": quality.evaluations,
-        "seed": quality.seed,
+        **members(quality, "kind", "chi_squared", "degrees_of_freedom", "residual_standard_deviation", "lack_of_fit"),
+        **members(quality, "starts", "starts_agreeing", "evaluations", "seed"),
         "positions_mm": [to_millimetres(position) for position in quality.positions],
+        **({} if quality.paper_objective is None else {"eq_26": quality.paper_objective}),
     }
-    if quality.paper_objective is not None:
-        document["eq_26"] = quality.paper_objective
-    return document
 
 
-def _held_out(held_out: HeldOutErrors) -> JsonObject:
+def _held_out(held_out: HeldOutErrors) -> dict[str, object]:
     worst = held_out.worst
     return {
         "kind": held_out_kind(held_out),
@@ -96,7 +80,7 @@ def held_out_kind(held_out: HeldOutErrors) -> str:
     return "leave one position out" if held_out.leave_one_out else "positions not used"
 
 
-def _prediction_error(error: PredictionError) -> JsonObject:
+def _prediction_error(error: PredictionError) -> dict[str, object]:
     return {
         "position_mm": to_millimetres(error.conditions.position),
         "preload_n": error.conditions.preload,
@@ -107,14 +91,14 @@ def _prediction_error(error: PredictionError) -> JsonObject:
     }
 
 
-def _further(there: FurtherPosition) -> JsonObject:
+def _further(there: FurtherPosition) -> dict[str, object]:
     return {
         "position_mm": to_millimetres(there.position),
         "relative_standard_uncertainties": dict(there.relative_uncertainties),
     }
 
 
-def _mode_to_monitor(mode: Detectability) -> JsonObject:
+def _mode_to_monitor(mode: Detectability) -> dict[str, object]:
     return {
         "mode": mode.peak.mode,
         "position_mm": to_millimetres(mode.peak.conditions.position),

@@ -41,16 +41,25 @@ def finite_or_null(value: float) -> float | None: ...
 @overload
 def finite_or_null(value: object) -> Json: ...
 def finite_or_null(value: object) -> Json:
-    """Replace infinities and NaN by null, at any depth; raises TypeError if it is no JSON value."""
+    """Return a value as JSON has it, infinities and NaN as null, at any depth; raises TypeError if it is none."""
     if isinstance(value, Mapping):
         return {key: finite_or_null(item) for key, item in value.items()}
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, str | int):
+        return float(value) if math.isfinite(value) else None
+    if value is None or isinstance(value, int):
         return value
+    if isinstance(value, str):
+        return str(value)  # a named reason as its name
     if isinstance(value, Sequence):
         return [finite_or_null(item) for item in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return finite_or_null(value.tolist())
     raise TypeError(f"expected a JSON value; got {type(value).__name__}")
+
+
+def members(record: object, *names: str) -> dict[str, object]:
+    """Return members of a record that a document calls by the same names."""
+    return {name: getattr(record, name) for name in names}
 
 
 def modal_document(modal: ModalMeasurement) -> JsonObject:
