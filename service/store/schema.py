@@ -6,7 +6,7 @@ from sqlalchemy import Connection, insert, inspect, select, update
 
 from service.errors import DataFolderError
 from service.store.tables import Base, VersionRow
-from service.store.trend import tables as trend_tables  # noqa: F401 - its tables belong to the schema
+from service.store.trend import epochs, rollups, sessions  # noqa: F401 - their tables belong to the schema
 
 #: Oldest version that this program opens.
 BASELINE = "0017"

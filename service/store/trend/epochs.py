@@ -3,12 +3,21 @@
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from sqlalchemy import Connection, delete, func, insert, select
+from sqlalchemy import BigInteger, Column, Connection, Integer, String, Table, delete, func, insert, select
 
 from service.json_types import JsonObject
 from service.store.alarms import CLEARED
-from service.store.tables import ActivationRow, AlarmEventRow, AlarmRow, AxisRow, MeasurementRow
-from service.store.trend.tables import ChartCheckpointRow, ChartEpochRow
+from service.store.tables import (
+    ActivationRow,
+    AlarmEventRow,
+    AlarmRow,
+    AxisRow,
+    Base,
+    MeasurementRow,
+    NullableJson,
+    UtcMicroseconds,
+)
+from service.store.trend.tables import table_of
 
 CALIBRATION, INSPECTION, MAINTENANCE = "calibration", "inspection", "maintenance"
 #: By an older version of the program, which did not keep what it was begun by.
@@ -25,8 +34,8 @@ class EpochRecord:
     begins_at: datetime
     begun_by: str
     epoch: int | None = None
-    calibration_id: int | None = None
-    state: JsonObject | None = None
+    calibration_id: int | None = None  # that it is charted under
+    state: JsonObject | None = None  # of the charts when it begins
 
     @property
     def is_hard(self) -> bool:
@@ -34,7 +43,12 @@ class EpochRecord:
         return self.begun_by != MAINTENANCE
 
 
-_EPOCHS = ChartEpochRow.metadata.tables[ChartEpochRow.__tablename__]
+_EPOCHS = table_of(
+    "chart_epochs",
+    EpochRecord,
+    key=("axis_number", "begins_at", "begun_by"),
+    types={"begun_by": String(16), "calibration_id": BigInteger(), "state": NullableJson},
+)
 _COLUMNS = [_EPOCHS.c[name] for name in EpochRecord.__slots__]
 
 
@@ -88,7 +102,16 @@ def decided_since_calibration(connection: Connection, axis_id: str) -> list[date
     ]
 
 
-_CHECKPOINTS = ChartCheckpointRow.metadata.tables[ChartCheckpointRow.__tablename__]
+#: The charts of an axis as they stood after a measurement: what arrives late is put in from there.
+_CHECKPOINTS = Table(
+    "chart_checkpoints",
+    Base.metadata,
+    Column("axis_number", Integer, primary_key=True),
+    Column("epoch", Integer, primary_key=True),
+    Column("at", UtcMicroseconds, primary_key=True),
+    Column("state", NullableJson, nullable=False),
+    sqlite_with_rowid=False,
+)
 
 
 def checkpoint_before(

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import (
+    BigInteger,
     ColumnElement,
     Connection,
+    String,
     and_,
     delete,
     func,
@@ -17,12 +19,12 @@ from sqlalchemy import (
 
 from monitor_core.preload import DoubtReason
 from service.store.tables import AxisRow
-from service.store.trend.tables import TrendPointRow
+from service.store.trend.tables import table_of
 
 
 @dataclass(frozen=True, slots=True)
 class TrendPoint:
-    """A measurement that was judged."""
+    """A measurement that was judged, as trend and charts need it."""
 
     axis_number: int
     at: datetime
@@ -40,16 +42,16 @@ class TrendPoint:
     interval_upper_n: float | None
     drag_torque_nm: float | None
     feature_s2: float | None
-    feature_uncertainty_s2: float | None
-    epoch: int
-    uncharted: str | None
-    state: str
+    feature_uncertainty_s2: float | None  # of the frequency alone
+    epoch: int  # of the charts, when it was judged
+    uncharted: str | None  # why it moved no chart
+    state: str  # of the axis, after this measurement
     baseline_preload_n: float | None
-    doubt: str | None = None
-    feature_scatter_s2: float | None = None
-    learnt_scatter_s2: float | None = None
-    place_uncertainty: float | None = None
-    places_disagree: str | None = None
+    doubt: str | None = None  # what speaks against its preload
+    feature_scatter_s2: float | None = None  # what its interval allows for, of what is new in each session
+    learnt_scatter_s2: float | None = None  # from session to session, as the axis had shown before
+    place_uncertainty: float | None = None  # of its preload against other places of its session, relative
+    places_disagree: str | None = None  # how the places of its session contradict each other, in words
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -75,12 +77,21 @@ MOST_SEARCHED = 200
 #: Where a page of the trend begins: after this moment and measurement.
 Cursor = tuple[datetime, int]
 
-_POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
-_COLUMNS = [_POINTS.c[name] for name in TrendPoint.__slots__]
+POINTS = table_of(
+    "trend_points",
+    TrendPoint,
+    key=("axis_number", "at", "measurement_id"),
+    types={
+        **dict.fromkeys(("measurement_id", "calibration_id"), BigInteger()),
+        **dict.fromkeys(("refusal_reason", "doubt"), String(40)),
+        "name": String(200), "uncharted": String(20), "state": String(16),
+    },
+)  # fmt: skip
+_COLUMNS = [POINTS.c[name] for name in TrendPoint.__slots__]
 #: Why a measurement moved no chart that came when they could not be folded again from before it.
 TOO_LATE = "too-late"
-_IN_TIME = _POINTS.c.uncharted.is_distinct_from(TOO_LATE)
-_ADD = insert(_POINTS)
+_IN_TIME = POINTS.c.uncharted.is_distinct_from(TOO_LATE)
+_ADD = insert(POINTS)
 
 
 def add_point(connection: Connection, point: TrendPoint) -> None:
@@ -98,10 +109,10 @@ def replace_points(connection: Connection, points: Iterable[TrendPoint]) -> None
 def remove_point(connection: Connection, point: TrendPoint) -> None:
     """Remove a point."""
     connection.execute(
-        delete(_POINTS).where(
-            _POINTS.c.axis_number == point.axis_number,
-            _POINTS.c.at == point.at,
-            _POINTS.c.measurement_id == point.measurement_id,
+        delete(POINTS).where(
+            POINTS.c.axis_number == point.axis_number,
+            POINTS.c.at == point.at,
+            POINTS.c.measurement_id == point.measurement_id,
         )
     )
 
@@ -109,14 +120,14 @@ def remove_point(connection: Connection, point: TrendPoint) -> None:
 def say_places(connection: Connection, axis_number: int, epoch: int, span: Span, words: str | None) -> None:
     """Say of the charted points of an epoch in a span how the places of their session disagree."""
     connection.execute(
-        update(_POINTS)
+        update(POINTS)
         .where(
-            _POINTS.c.axis_number == axis_number,
+            POINTS.c.axis_number == axis_number,
             *_within(span),
-            _POINTS.c.epoch == epoch,
-            _POINTS.c.refusal_reason.is_(None),
-            _POINTS.c.uncharted.is_(None),
-            _POINTS.c.places_disagree.is_distinct_from(words),
+            POINTS.c.epoch == epoch,
+            POINTS.c.refusal_reason.is_(None),
+            POINTS.c.uncharted.is_(None),
+            POINTS.c.places_disagree.is_distinct_from(words),
         )
         .values(places_disagree=words)
     )
@@ -125,7 +136,7 @@ def say_places(connection: Connection, axis_number: int, epoch: int, span: Span,
 def point_of(connection: Connection, axis_number: int, at: datetime, measurement_id: int) -> TrendPoint | None:
     """Return the point of a measurement; None if it has none yet."""
     query = select(*_COLUMNS).where(
-        _POINTS.c.axis_number == axis_number, _POINTS.c.at == at, _POINTS.c.measurement_id == measurement_id
+        POINTS.c.axis_number == axis_number, POINTS.c.at == at, POINTS.c.measurement_id == measurement_id
     )
     row = connection.execute(query).one_or_none()
     return None if row is None else TrendPoint(*row)
@@ -138,60 +149,60 @@ def points_after(
 
     Those that came too late for the charts are not among them. ``since``: there is nothing older in that epoch.
     """
-    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.epoch >= epoch, _IN_TIME)
+    query = select(*_COLUMNS).where(POINTS.c.axis_number == axis_number, POINTS.c.epoch >= epoch, _IN_TIME)
     if since is not None and (after is None or since > after):  # of two bounds SQLite would take the first
-        query = query.where(_POINTS.c.at >= since)
+        query = query.where(POINTS.c.at >= since)
     elif after is not None:
-        query = query.where(_POINTS.c.at > after)
-    return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
+        query = query.where(POINTS.c.at > after)
+    return [TrendPoint(*row) for row in connection.execute(query.order_by(POINTS.c.at, POINTS.c.measurement_id))]
 
 
 def first_of_epoch(connection: Connection, axis_number: int, epoch: int, since: datetime) -> datetime | None:
     """Return when the first point of an epoch was measured, which begins at a moment."""
-    query = select(_POINTS.c.at).where(
-        _POINTS.c.axis_number == axis_number, _POINTS.c.at >= since, _POINTS.c.epoch == epoch, _IN_TIME
+    query = select(POINTS.c.at).where(
+        POINTS.c.axis_number == axis_number, POINTS.c.at >= since, POINTS.c.epoch == epoch, _IN_TIME
     )
-    return connection.execute(query.order_by(_POINTS.c.at).limit(1)).scalar()
+    return connection.execute(query.order_by(POINTS.c.at).limit(1)).scalar()
 
 
 def point_before(connection: Connection, axis_number: int, at: datetime) -> TrendPoint | None:
     """Return the last point before a moment."""
-    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.at < at)
-    row = connection.execute(query.order_by(_POINTS.c.at.desc(), _POINTS.c.measurement_id.desc()).limit(1)).first()
+    query = select(*_COLUMNS).where(POINTS.c.axis_number == axis_number, POINTS.c.at < at)
+    row = connection.execute(query.order_by(POINTS.c.at.desc(), POINTS.c.measurement_id.desc()).limit(1)).first()
     return None if row is None else TrendPoint(*row)
 
 
 def newest_point(connection: Connection, axis_number: int) -> TrendPoint | None:
     """Return the last point."""
-    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number)
-    row = connection.execute(query.order_by(_POINTS.c.at.desc(), _POINTS.c.measurement_id.desc()).limit(1)).first()
+    query = select(*_COLUMNS).where(POINTS.c.axis_number == axis_number)
+    row = connection.execute(query.order_by(POINTS.c.at.desc(), POINTS.c.measurement_id.desc()).limit(1)).first()
     return None if row is None else TrendPoint(*row)
 
 
 def points_within(connection: Connection, axis_number: int, span: Span) -> list[TrendPoint]:
     """Return all points of a span, in time order."""
-    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, *_within(span))
-    return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
+    query = select(*_COLUMNS).where(POINTS.c.axis_number == axis_number, *_within(span))
+    return [TrendPoint(*row) for row in connection.execute(query.order_by(POINTS.c.at, POINTS.c.measurement_id))]
 
 
 def count_uncharted(connection: Connection, axis_number: int) -> dict[str, int]:
     """Count the points of an axis that moved no chart, by the reason."""
-    query = select(_POINTS.c.uncharted, func.count().label("number")).where(
-        _POINTS.c.axis_number == axis_number, _POINTS.c.uncharted.is_not(None)
+    query = select(POINTS.c.uncharted, func.count().label("number")).where(
+        POINTS.c.axis_number == axis_number, POINTS.c.uncharted.is_not(None)
     )
-    return {row.uncharted: row.number for row in connection.execute(query.group_by(_POINTS.c.uncharted))}
+    return {row.uncharted: row.number for row in connection.execute(query.group_by(POINTS.c.uncharted))}
 
 
 def last_points(connection: Connection) -> dict[int, TrendPoint]:
     """Return the newest point of every axis, by its number."""
     axes = AxisRow.metadata.tables[AxisRow.__tablename__]
     same = and_(
-        _POINTS.c.axis_number == axes.c.number,
-        _POINTS.c.at == axes.c.last_measured_at,
-        _POINTS.c.measurement_id == axes.c.last_measurement_id,
+        POINTS.c.axis_number == axes.c.number,
+        POINTS.c.at == axes.c.last_measured_at,
+        POINTS.c.measurement_id == axes.c.last_measurement_id,
     )
     # from the axes outwards: the database would rather pass all points than look up one of each axis
-    newest = connection.execute(select(*_COLUMNS).select_from(axes.outerjoin(_POINTS, same)))
+    newest = connection.execute(select(*_COLUMNS).select_from(axes.outerjoin(POINTS, same)))
     return {row.axis_number: TrendPoint(*row) for row in newest if row.axis_number is not None}
 
 
@@ -202,9 +213,9 @@ def preloads(
 
     Among the first, or newest, :data:`MOST_SEARCHED` measurements: an axis that is refused for months answers at once.
     """
-    order = _POINTS.c.at.desc() if newest else _POINTS.c.at
-    searched = select(_POINTS.c.at, _POINTS.c.preload_n, _POINTS.c.epoch).where(
-        _POINTS.c.axis_number == axis_number, *_within(Span(since))
+    order = POINTS.c.at.desc() if newest else POINTS.c.at
+    searched = select(POINTS.c.at, POINTS.c.preload_n, POINTS.c.epoch).where(
+        POINTS.c.axis_number == axis_number, *_within(Span(since))
     )
     nearest = searched.order_by(order).limit(MOST_SEARCHED).subquery()
     query = select(nearest.c.at, nearest.c.preload_n).where(nearest.c.epoch == epoch, nearest.c.preload_n.is_not(None))
@@ -215,7 +226,7 @@ def preloads(
 def _within(span: Span) -> list[ColumnElement[bool]]:
     conditions: list[ColumnElement[bool]] = []
     if span.start is not None:
-        conditions.append(_POINTS.c.at >= span.start)
+        conditions.append(POINTS.c.at >= span.start)
     if span.end is not None:
-        conditions.append(_POINTS.c.at < span.end)
+        conditions.append(POINTS.c.at < span.end)
     return conditions

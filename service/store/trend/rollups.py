@@ -5,16 +5,26 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
 
-from sqlalchemy import BigInteger, ColumnElement, Connection, bindparam, delete, func, insert, select, type_coerce
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    ColumnElement,
+    Connection,
+    Integer,
+    bindparam,
+    delete,
+    func,
+    insert,
+    select,
+    type_coerce,
+)
 
 from service.store.tables import UtcMicroseconds
-from service.store.trend.points import Span
-from service.store.trend.tables import TrendPointRow, TrendRollupRow
+from service.store.trend.points import POINTS, Span
+from service.store.trend.tables import table_of
 
 HOUR, DAY = timedelta(hours=1), timedelta(days=1)
 _BEGIN_OF_TIME, _END_OF_TIME = datetime.min.replace(tzinfo=UTC), datetime.max.replace(tzinfo=UTC)
-_POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
-_ROLLUPS = TrendRollupRow.metadata.tables[TrendRollupRow.__tablename__]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +56,17 @@ def _as_stored(column: ColumnElement[Any]) -> ColumnElement[Any]:
     return type_coerce(column, BigInteger) if isinstance(column.type, UtcMicroseconds) else column
 
 
+_ROLLUPS = table_of(
+    "trend_rollups",
+    Rollup,
+    Column("axis_number", Integer, primary_key=True),
+    Column("span_s", Integer, primary_key=True),  # 3600 or 86400
+    key=("starts_at",),
+    types={},
+)
 _COLUMNS = [_ROLLUPS.c[name] for name in Rollup.__slots__]
-_OF_HOUR = select(_POINTS.c.at, _POINTS.c.refusal_reason, _POINTS.c.preload_n).where(
-    _POINTS.c.axis_number == bindparam("axis"), _POINTS.c.at >= bindparam("begin"), _POINTS.c.at < bindparam("end")
+_OF_HOUR = select(POINTS.c.at, POINTS.c.refusal_reason, POINTS.c.preload_n).where(
+    POINTS.c.axis_number == bindparam("axis"), POINTS.c.at >= bindparam("begin"), POINTS.c.at < bindparam("end")
 )
 _BEGIN_WITHIN = (
     _ROLLUPS.c.axis_number == bindparam("axis"),

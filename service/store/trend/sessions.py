@@ -4,14 +4,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, delete, insert, select
+from sqlalchemy import BigInteger, Connection, delete, insert, select
 
-from service.store.trend.tables import SessionRow
+from service.store.trend.tables import table_of
 
 
 @dataclass(frozen=True, slots=True)
 class SessionRecord:
-    """A session that is over."""
+    """A session that is over: its measurements summed up, and what the charts made of it."""
 
     axis_number: int
     calibration_id: int
@@ -19,15 +19,20 @@ class SessionRecord:
     epoch: int
     last_at: datetime
     n_measurements: int
-    feature_s2: float
+    feature_s2: float  # mean
     temperature_c: float | None
     drag_torque_nm: float | None
-    residual: float | None
-    reference: float | None
+    residual: float | None  # in standard deviations; none while the baseline was learnt
+    reference: float | None  # of the CUSUM
     alarmed: bool
 
 
-_SESSIONS = SessionRow.metadata.tables[SessionRow.__tablename__]
+_SESSIONS = table_of(
+    "sessions",
+    SessionRecord,
+    key=("axis_number", "calibration_id", "started_at"),
+    types={"calibration_id": BigInteger()},
+)
 _COLUMNS = [_SESSIONS.c[name] for name in SessionRecord.__slots__]
 _ADD = insert(_SESSIONS)
 

@@ -22,8 +22,7 @@ from sqlalchemy import (
 )
 
 from service.store.tables import microseconds_of, moment_of
-from service.store.trend.points import Cursor, Span, doubts_of
-from service.store.trend.tables import TrendPointRow
+from service.store.trend.points import POINTS, Cursor, Span, doubts_of
 
 
 class ShownPoint(NamedTuple):
@@ -96,16 +95,15 @@ class ToldColumns(NamedTuple):
 
 
 _TOLD = attrgetter(*ToldColumns._fields)
-_POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
-_AT_US = type_coerce(_POINTS.c.at, BigInteger)
-_ORDER = (_POINTS.c.at, _POINTS.c.measurement_id)
-_KEY = tuple_(_AT_US, _POINTS.c.measurement_id)
+_AT_US = type_coerce(POINTS.c.at, BigInteger)
+_ORDER = (POINTS.c.at, POINTS.c.measurement_id)
+_KEY = tuple_(_AT_US, POINTS.c.measurement_id)
 _CURSOR = tuple_(bindparam("after_us", type_=BigInteger), bindparam("after_id", type_=BigInteger))
 
 
 def _of_axis(names: Sequence[str]) -> Select[tuple[object, ...]]:
-    columns = [_AT_US.label(name) if name == "at_us" else _POINTS.c[name] for name in names]
-    return select(*columns).where(_POINTS.c.axis_number == bindparam("axis"))
+    columns = [_AT_US.label(name) if name == "at_us" else POINTS.c[name] for name in names]
+    return select(*columns).where(POINTS.c.axis_number == bindparam("axis"))
 
 
 #: One parameter for all moments, which SQLite takes as a text in JSON: with one each, to write them out takes longest.
