@@ -127,61 +127,31 @@ _RISEN = 3.3
 #: percent from day to day; friction follows lubrication and temperature, and is corrected for before it is doubted.
 TOLERANCES = {
     WitnessName.RESIDUE: Tolerance(
-        0.0015,
-        3.0,
-        0.0,
-        0.1,
-        DoubtReason.MASS_OR_MOUNTING_CHANGED,
-        RejectionReason.MOVED_MASS_MISMATCH,
+        0.0015, 3.0, 0.0, 0.1, DoubtReason.MASS_OR_MOUNTING_CHANGED, RejectionReason.MOVED_MASS_MISMATCH,
         "another mass moves than is stated, the nut is mounted otherwise, or a sensor's gain has changed",
     ),
     # alone it doubts nothing, for friction at another speed moves it by 1.6 %: it tells what has moved the residue
     WitnessName.RIGID_LINE: Tolerance(
-        0.0015,
-        math.inf,
-        0.0,
-        math.inf,
-        DoubtReason.MOVED_MASS_CHANGED,
-        RejectionReason.MOVED_MASS_MISMATCH,
+        0.0015, math.inf, 0.0, math.inf, DoubtReason.MOVED_MASS_CHANGED, RejectionReason.MOVED_MASS_MISMATCH,
         "another mass moves than is stated, or friction acts otherwise",
     ),
     WitnessName.DAMPING_RATIO: Tolerance(
-        0.015,
-        3.3,
-        0.0,
-        0.4,
-        DoubtReason.DAMPING_CHANGED,
-        RejectionReason.DAMPING_MISMATCH,
+        0.015, 3.3, 0.0, 0.4, DoubtReason.DAMPING_CHANGED, RejectionReason.DAMPING_MISMATCH,
         "a second mode, noise on the torque, or another mode than the calibrated one",
     ),
     WitnessName.EXCITATION_LEVEL: Tolerance(
-        0.05,
-        3.3,
-        0.42,
-        math.inf,
-        DoubtReason.EXCITATION_CHANGED,
-        RejectionReason.LITTLE_EXCITATION,
+        0.05, 3.3, 0.42, math.inf, DoubtReason.EXCITATION_CHANGED, RejectionReason.LITTLE_EXCITATION,
         "the moves are not those of the calibration; friction then acts otherwise",
     ),
     WitnessName.FRICTION_TORQUE: Tolerance(
-        0.02,
-        3.3,
-        0.6,
-        math.inf,
-        DoubtReason.FRICTION_CHANGED,
-        RejectionReason.OUTSIDE_CALIBRATION,
+        0.02, 3.3, 0.6, math.inf, DoubtReason.FRICTION_CHANGED, RejectionReason.OUTSIDE_CALIBRATION,
         "lubrication or guides are not as calibrated; what that does to the frequency is corrected in part only",
     ),
     WitnessName.NOISE_LEVEL: Tolerance(
-        0.05,
-        3.3,
-        0.6,
-        math.inf,
-        DoubtReason.NOISE_CHANGED,
-        RejectionReason.LOW_COHERENCE,
+        0.05, 3.3, 0.6, math.inf, DoubtReason.NOISE_CHANGED, RejectionReason.LOW_COHERENCE,
         "what no torque explains around the mode comes from friction in the guides, a shaking floor, or a channel",
     ),
-}
+}  # fmt: skip
 
 
 def deviations_of(values: WitnessValues, setting: Setting, calibration: Calibration) -> dict[WitnessName, Deviation]:

@@ -27,6 +27,7 @@ class FileKind:
     ending: str | None = None  # usual ending of a raw file, by which its reader is found; None for all others
     advice: str = ""  # what to do with a file that no command takes
     columns: str = ""  # of a table of ours
+    starts: tuple[bytes, ...] = ()  # how a file begins, where the format has a signature
 
     @property
     def wanted(self) -> str:
@@ -47,76 +48,55 @@ KINDS: dict[str, FileKind] = {
     MODEL: FileKind("a drive model in TOML"),
     CHANNEL_MAP: FileKind("a channel map"),
     EFFECTS: FileKind("a Python file"),
-    "tdms": FileKind("a TDMS file of LabVIEW", ".tdms"),
-    "uff58": FileKind("a universal file (UFF)", ".uff"),
-    "mat": FileKind("a MATLAB file", ".mat"),
+    "tdms": FileKind("a TDMS file of LabVIEW", ".tdms", starts=(b"TDSm",)),
+    "uff58": FileKind("a universal file (UFF)", ".uff", starts=(b"    -1",)),
+    "mat": FileKind("a MATLAB file", ".mat", starts=(b"MATLAB",)),
     "npz": FileKind("a NumPy archive", ".npz"),
-    "npy": FileKind("a NumPy array", ".npy"),
+    "npy": FileKind("a NumPy array", ".npy", starts=(b"\x93NUMPY",)),
     "wav": FileKind("a WAV recording", ".wav"),
-    "mdf4": FileKind("a measurement file (MDF)", ".mf4"),
-    "parquet": FileKind("a Parquet table", ".parquet"),
+    "mdf4": FileKind("a measurement file (MDF)", ".mf4", starts=(b"MDF     ", b"UnFinMF ")),
+    "parquet": FileKind("a Parquet table", ".parquet", starts=(b"PAR1",)),
     "xlsx": FileKind("an Excel workbook (XLSX)", ".xlsx"),
-    "lvm": FileKind("a LabVIEW measurement file (LVM)", ".lvm"),
+    "lvm": FileKind("a LabVIEW measurement file (LVM)", ".lvm", starts=(b"LabVIEW Measurement",)),
     "csv": FileKind("a text with other columns", ".csv"),
     "hdf5": FileKind("an HDF5 file of another program", advice=_SAVE),
     "json": FileKind("a JSON document of another kind"),
-    "tdms-index": FileKind("the index of a TDMS file", advice="give the *.tdms file that it belongs to"),
+    "tdms-index": FileKind(
+        "the index of a TDMS file", advice="give the *.tdms file that it belongs to", starts=(b"TDSh",)
+    ),
     "docx": FileKind("a Word document", advice=_SAVE),
     "pptx": FileKind("a PowerPoint presentation", advice=_SAVE),
     "ods": FileKind("an OpenDocument file", advice="save the table as CSV or XLSX"),
-    "xls": FileKind("an old Office file (such as XLS)", advice="save the table as XLSX or CSV"),
-    "pdf": FileKind("a PDF document", advice=_SAVE),
+    "xls": FileKind(
+        "an old Office file (such as XLS)",
+        advice="save the table as XLSX or CSV",
+        starts=(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1",),
+    ),
+    "pdf": FileKind("a PDF document", advice=_SAVE, starts=(b"%PDF",)),
     "zip": FileKind("a ZIP archive", advice=_UNPACK),
-    "gzip": FileKind("a file packed with gzip", advice=_UNPACK),
-    "bzip2": FileKind("a file packed with bzip2", advice=_UNPACK),
-    "xz": FileKind("a file packed with xz", advice=_UNPACK),
-    "zstd": FileKind("a file packed with zstd", advice=_UNPACK),
-    "7z": FileKind("a 7z archive", advice=_UNPACK),
-    "rar": FileKind("a RAR archive", advice=_UNPACK),
-    "png": FileKind("a PNG picture", advice=_SAVE),
-    "jpeg": FileKind("a JPEG picture", advice=_SAVE),
-    "gif": FileKind("a GIF picture", advice=_SAVE),
-    "flac": FileKind("a FLAC recording", advice="save it as WAV"),
-    "ogg": FileKind("an Ogg recording", advice="save it as WAV"),
-    "mp3": FileKind("an MP3 recording, whose samples are not those that were measured", advice=_SAVE),
-    "sqlite": FileKind("an SQLite database", advice=_SAVE),
-    "arrow": FileKind("an Arrow or Feather table", advice="save it as Parquet or CSV"),
-    "pickle": FileKind("a Python pickle, which could run a program", advice="save the arrays with numpy.savez"),
+    "gzip": FileKind("a file packed with gzip", advice=_UNPACK, starts=(b"\x1f\x8b",)),
+    "bzip2": FileKind("a file packed with bzip2", advice=_UNPACK, starts=(b"BZh",)),
+    "xz": FileKind("a file packed with xz", advice=_UNPACK, starts=(b"\xfd7zXZ\x00",)),
+    "zstd": FileKind("a file packed with zstd", advice=_UNPACK, starts=(b"\x28\xb5\x2f\xfd",)),
+    "7z": FileKind("a 7z archive", advice=_UNPACK, starts=(b"7z\xbc\xaf\x27\x1c",)),
+    "rar": FileKind("a RAR archive", advice=_UNPACK, starts=(b"Rar!\x1a\x07",)),
+    "png": FileKind("a PNG picture", advice=_SAVE, starts=(b"\x89PNG\r\n\x1a\n",)),
+    "jpeg": FileKind("a JPEG picture", advice=_SAVE, starts=(b"\xff\xd8\xff",)),
+    "gif": FileKind("a GIF picture", advice=_SAVE, starts=(b"GIF8",)),
+    "flac": FileKind("a FLAC recording", advice="save it as WAV", starts=(b"fLaC",)),
+    "ogg": FileKind("an Ogg recording", advice="save it as WAV", starts=(b"OggS",)),
+    "mp3": FileKind("an MP3 recording, whose samples are not those that were measured", advice=_SAVE, starts=(b"ID3",)),
+    "sqlite": FileKind("an SQLite database", advice=_SAVE, starts=(b"SQLite format 3\x00",)),
+    "arrow": FileKind("an Arrow or Feather table", advice="save it as Parquet or CSV", starts=(b"ARROW1", b"FEA1")),
+    "pickle": FileKind(
+        "a Python pickle, which could run a program",
+        advice="save the arrays with numpy.savez",
+        starts=(b"\x80\x04\x95", b"\x80\x05\x95"),
+    ),
     "html": FileKind("an HTML page", advice=_SAVE),
     "xml": FileKind("an XML document", advice=_SAVE),
 }
 
-#: How a file begins, where its format has a signature. The longer of two that begin alike stands first.
-_STARTS: tuple[tuple[bytes, str], ...] = (
-    (b"TDSm", "tdms"),
-    (b"TDSh", "tdms-index"),
-    (b"MATLAB", "mat"),
-    (b"    -1", "uff58"),
-    (b"\x93NUMPY", "npy"),
-    (b"MDF     ", "mdf4"),
-    (b"UnFinMF ", "mdf4"),
-    (b"PAR1", "parquet"),
-    (b"LabVIEW Measurement", "lvm"),
-    (b"%PDF", "pdf"),
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "xls"),
-    (b"\x1f\x8b", "gzip"),
-    (b"BZh", "bzip2"),
-    (b"\xfd7zXZ\x00", "xz"),
-    (b"\x28\xb5\x2f\xfd", "zstd"),
-    (b"7z\xbc\xaf\x27\x1c", "7z"),
-    (b"Rar!\x1a\x07", "rar"),
-    (b"\x89PNG\r\n\x1a\n", "png"),
-    (b"\xff\xd8\xff", "jpeg"),
-    (b"GIF8", "gif"),
-    (b"fLaC", "flac"),
-    (b"OggS", "ogg"),
-    (b"ID3", "mp3"),
-    (b"SQLite format 3\x00", "sqlite"),
-    (b"ARROW1", "arrow"),
-    (b"FEA1", "arrow"),
-    (b"\x80\x04\x95", "pickle"),
-    (b"\x80\x05\x95", "pickle"),
-)
 #: MATLAB files of version 4 have no signature, universal files may have lines in front of theirs.
 _WITHOUT_SIGNATURE = {".mat": "mat", ".uff": "uff58", ".unv": "uff58"}
 #: Endings of files that are no text, whatever is in them.
@@ -153,8 +133,8 @@ def format_of(path: Path) -> str:
         return _format_of_zip(path)
     if head.startswith(_RIFF) and head[8:12] == b"WAVE":
         return "wav"
-    for start, name in _STARTS:
-        if head.startswith(start):
+    for name, kind in KINDS.items():
+        if head.startswith(kind.starts):
             return name
     text = _text(head)
     if text is not None and (own := path.suffix.lower()) in _NEVER_TEXT and _ROW_OF_NUMBERS.search(text):
