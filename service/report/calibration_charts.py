@@ -7,34 +7,24 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup
 
-from service.report.svg import Axis, axis_over, element, image, joined, label, path_through, place_grid, value_grid
+from service.report.svg import (
+    Axis,
+    Frame,
+    axis_over,
+    element,
+    image,
+    joined,
+    label,
+    path_through,
+    place_grid,
+    value_grid,
+)
 
-_TOP: Final = 14.0
 _HALF_MARK: Final = 9.0
 
 
-@dataclass(frozen=True, slots=True)
-class ChartSize:
-    """Size of a chart, in pixels, and how many labels it has room for."""
-
-    width: float
-    height: float
-    left: float
-    ticks: int
-
-    @property
-    def bottom(self) -> float:
-        """Where the axis of positions is."""
-        return self.height - 46.0
-
-    @property
-    def right(self) -> float:
-        """Where the travel ends."""
-        return self.width - 14.0
-
-
-WIDE: Final = ChartSize(1180.0, 300.0, 70.0, 8)
-NARROW: Final = ChartSize(372.0, 280.0, 60.0, 4)
+WIDE: Final = Frame(1180.0, 300.0, 70.0, 8, 5, below=46.0, beside=14.0, top=14.0)
+NARROW: Final = Frame(372.0, 280.0, 60.0, 4, 5, below=46.0, beside=14.0, top=14.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +48,10 @@ class Spot:
     words: str
 
 
-def expected_chart(curve: Curve, size: ChartSize, title: str, write: Callable[[str], str]) -> Markup:
+def expected_chart(curve: Curve, size: Frame, title: str, write: Callable[[str], str]) -> Markup:
     """Draw the expected frequency over the travel, its band, and the search band as a frame."""
     low, high = curve.search_band_hz
-    x, y = _places(curve.position_mm, size), axis_over(np.array([low, high]), size.bottom, _TOP)
+    x, y = _places(curve.position_mm, size), axis_over(np.array([low, high]), size.bottom, size.top)
     places = x(np.asarray(curve.position_mm))
     upper, lower = (y(np.asarray(values)) for values in (curve.upper_hz, curve.lower_hz))
     outline = path_through(np.append(places, places[::-1]), np.append(upper, lower[::-1])) + "Z"
@@ -76,27 +66,27 @@ def expected_chart(curve: Curve, size: ChartSize, title: str, write: Callable[[s
     )  # fmt: skip
 
 
-def settings_chart(spots: Sequence[Spot], size: ChartSize, title: str, write: Callable[[str], str]) -> Markup:
+def settings_chart(spots: Sequence[Spot], size: Frame, title: str, write: Callable[[str], str]) -> Markup:
     """Draw a map of settings: full where it was measured, half where windows are awaited, empty where a hole is."""
     x = _places([spot.position_mm for spot in spots], size)
-    y = axis_over(np.array([0.0, *(1.08 * spot.value for spot in spots)]), size.bottom, _TOP)
+    y = axis_over(np.array([0.0, *(1.08 * spot.value for spot in spots)]), size.bottom, size.top)
     order = ("hole", "refused", "waiting", "measured", "next")
     marks = [_spot(spot, float(x(spot.position_mm)), float(y(spot.value))) for spot in sorted(
         spots, key=lambda spot: order.index(spot.kind))]  # fmt: skip
     return image(size.width, size.height, title, _frame(x, y, size, write, "N"), *marks)
 
 
-def residual_chart(spots: Sequence[Spot], size: ChartSize, title: str, write: Callable[[str], str]) -> Markup:
+def residual_chart(spots: Sequence[Spot], size: Frame, title: str, write: Callable[[str], str]) -> Markup:
     """Draw what is left of each reading about the fit, over the travel."""
     x = _places([spot.position_mm for spot in spots], size)
     reach = max((abs(spot.value) for spot in spots), default=0.0) or 1.0
-    y = axis_over(np.array([-reach, reach]), size.bottom, _TOP)
+    y = axis_over(np.array([-reach, reach]), size.bottom, size.top)
     zero = element("line", x1=size.left, y1=float(y(0.0)), x2=size.right, y2=float(y(0.0)), class_="level")
     marks = [_spot(spot, float(x(spot.position_mm)), float(y(spot.value)), 5.0) for spot in spots]
     return image(size.width, size.height, title, _frame(x, y, size, write, "Hz"), zero, *marks)
 
 
-def _places(positions: Sequence[float], size: ChartSize) -> Axis:
+def _places(positions: Sequence[float], size: Frame) -> Axis:
     return axis_over(np.asarray(positions, dtype=np.float64), size.left + 4.0, size.right)
 
 
@@ -120,10 +110,10 @@ def _spot(spot: Spot, x: float, y: float, half: float = _HALF_MARK) -> Markup:
     return element("circle", said, cx=x, cy=y, r=half, class_="spot hole")
 
 
-def _frame(x: Axis, y: Axis, size: ChartSize, write: Callable[[str], str], unit: str) -> Markup:
+def _frame(x: Axis, y: Axis, size: Frame, write: Callable[[str], str], unit: str) -> Markup:
     return joined([
-        value_grid(y, size.left, size.right, 5, write),
-        place_grid(x, x.ticks(size.ticks), (size.bottom, size.bottom + 5.0), 16.0, write),
+        value_grid(y, size.left, size.right, size.values, write),
+        place_grid(x, x.ticks(size.places), (size.bottom, size.bottom + 5.0), 16.0, write),
         label("mm", size.right, size.height - 6.0, text_anchor="end", class_="quiet"),
         label(unit, size.left - 6.0, size.bottom + 21.0, text_anchor="end", class_="quiet"),
     ])  # fmt: skip

@@ -6,7 +6,7 @@ once for phones, so that its words can be read on both.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.fitting.comparison import Panel
 from service.report.charts import FEW, axis_of_values, curve, measured_curve, style_of
 from service.report.rounding import tick
-from service.report.svg import Axis, axis_over, element, joined, label, picture, shortened
+from service.report.svg import Axis, Frame, axis_over, element, joined, label, picture, shortened
 
 _BEYOND: Final = 3.0  # a logarithmic picture reaches so much beyond the measurement
 _LOGARITHMIC_FROM: Final = 5.0  # ratio of the last to the first frequency
@@ -29,25 +29,8 @@ _MARKS: Final = (10.0, 5.0, 2.0, 1.5, 1.2, 1.1, 1.05, 1.02, 1.01)
 _SHARE_OF_PICTURE: Final = 0.62  # the rest is what is left
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """How large the picture is, in the units of its text, which is 12 units high."""
-
-    width: float
-    height: float
-    left: float = 62.0
-    right: float = 12.0
-    top: float = 30.0
-    bottom: float = 38.0
-
-    @property
-    def end(self) -> float:
-        """Where the plot ends on the right."""
-        return self.width - self.right
-
-
-WIDE: Final = Frame(700.0, 400.0)
-NARROW: Final = Frame(360.0, 360.0, left=54.0, top=46.0)
+WIDE: Final = Frame(700.0, 400.0, 62.0, below=38.0, top=30.0)
+NARROW: Final = Frame(360.0, 360.0, 54.0, below=38.0, top=46.0)
 
 
 def largest_gap(panels: Sequence[Panel]) -> Panel | None:
@@ -91,9 +74,8 @@ def hero_chart(name: str, panel: Panel, frame: Frame, names: Mapping[str, str]) 
     """
     models = {model: y for model, y in panel.models.items() if model in names}
     x_axis = _x_axis(panel, frame)
-    end = frame.height - frame.bottom
-    split = frame.top + _SHARE_OF_PICTURE * (end - frame.top)
-    upper, lower = (frame.top, split - 8.0), (split + 8.0, end)
+    split = frame.top + _SHARE_OF_PICTURE * (frame.bottom - frame.top)
+    upper, lower = (frame.top, split - 8.0), (split + 8.0, frame.bottom)
     y_axis = axis_of_values(panel, models, upper[1], upper[0], _BEYOND)
     left_over = {model: _left(panel, y) for model, y in models.items()}
     r_axis = _axis_of_rest(panel, left_over, lower)
@@ -111,7 +93,7 @@ def hero_chart(name: str, panel: Panel, frame: Frame, names: Mapping[str, str]) 
             _clipped(_rest(panel, rest, x_axis, r_axis, style_of(model)), lower, frame)
             for model, rest in left_over.items()
         ),
-        label(panel.x_name, 0.5 * (frame.left + frame.end), frame.height - 6.0, text_anchor="middle", class_="quiet"),
+        label(panel.x_name, 0.5 * (frame.left + frame.right), frame.height - 6.0, text_anchor="middle", class_="quiet"),
         _upright(panel.y_name, upper), _upright("model/measured" if panel.logarithmic else "difference", lower),
     )  # fmt: skip
 
@@ -124,7 +106,7 @@ def _left(panel: Panel, model: FloatArray) -> FloatArray:
 def _x_axis(panel: Panel, frame: Frame) -> Axis:
     finite = panel.x[np.isfinite(panel.x)]
     spread = finite.size and np.min(finite) > 0.0 and np.max(finite) > _LOGARITHMIC_FROM * np.min(finite)
-    return axis_over(panel.x, frame.left, frame.end, logarithmic=bool(spread and panel.logarithmic))
+    return axis_over(panel.x, frame.left, frame.right, logarithmic=bool(spread and panel.logarithmic))
 
 
 def _axis_of_rest(panel: Panel, rest: Mapping[str, FloatArray], between: tuple[float, float]) -> Axis:
@@ -173,14 +155,14 @@ def _rest(panel: Panel, rest: FloatArray, x_axis: Axis, r_axis: Axis, style: str
 def _clipped(drawn: Markup, between: tuple[float, float], frame: Frame) -> Markup:
     """Cut what is beyond the frame, in the same coordinates."""
     top, bottom = between
-    width, height = frame.end - frame.left, bottom - top
+    width, height = frame.right - frame.left, bottom - top
     box = f"{frame.left:g} {top:g} {width:g} {height:g}"
     return element("svg", drawn, x=frame.left, y=top, width=width, height=height, viewBox=box, overflow="hidden")
 
 
 def _zero(panel: Panel, r_axis: Axis, frame: Frame) -> Markup:
     y = float(r_axis(1.0 if panel.logarithmic else 0.0))
-    return element("line", x1=frame.left, y1=y, x2=frame.end, y2=y, class_="reference")
+    return element("line", x1=frame.left, y1=y, x2=frame.right, y2=y, class_="reference")
 
 
 def _grid(
@@ -197,9 +179,9 @@ def _grid(
     for value in _ratios(y_axis) if of_ratio else y_axis.ticks(4):
         y = float(y_axis(value))
         words = f"{value:.2g}" if of_ratio else tick(value)
-        drawn.append(element("line", x1=frame.left, y1=y, x2=frame.end, y2=y, class_="grid"))
+        drawn.append(element("line", x1=frame.left, y1=y, x2=frame.right, y2=y, class_="grid"))
         drawn.append(label(words, frame.left - 5.0, y + 4.0, text_anchor="end", class_="quiet"))
-    box = element("rect", x=frame.left, y=top, width=frame.end - frame.left, height=bottom - top, class_="frame")
+    box = element("rect", x=frame.left, y=top, width=frame.right - frame.left, height=bottom - top, class_="frame")
     return joined([*drawn, box])
 
 

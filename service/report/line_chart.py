@@ -12,9 +12,18 @@ from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
 from service.report.rounding import tick
-from service.report.svg import Axis, axis_over, decimated, element, image, joined, label, path_through, value_grid
-
-_TOP: Final = 10.0
+from service.report.svg import (
+    Axis,
+    Frame,
+    axis_over,
+    decimated,
+    element,
+    image,
+    joined,
+    label,
+    path_through,
+    value_grid,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,22 +35,10 @@ class Curve:
     style: str  # class of the style sheet: measured, reference
 
 
-@dataclass(frozen=True, slots=True)
-class LineFrame:
-    """Size of a picture, and how many labels it has room for; all lengths in pixels."""
-
-    width: float
-    height: float
-    left: float
-    places: int
-    values: int
-    points: int  # of a curve: as many as the eye can use
-
-
-WIDE: Final = LineFrame(1180.0, 230.0, 84.0, 8, 4, 300)
-NARROW: Final = LineFrame(388.0, 190.0, 70.0, 4, 3, 120)
-LOW_WIDE: Final = LineFrame(1180.0, 130.0, 84.0, 8, 4, 220)
-LOW_NARROW: Final = LineFrame(388.0, 130.0, 70.0, 4, 4, 110)
+WIDE: Final = Frame(1180.0, 230.0, 84.0, 8, 4, below=28.0, top=10.0, points=300)
+NARROW: Final = Frame(388.0, 190.0, 70.0, 4, 3, below=28.0, top=10.0, points=120)
+LOW_WIDE: Final = Frame(1180.0, 130.0, 84.0, 8, 4, below=28.0, top=10.0, points=220)
+LOW_NARROW: Final = Frame(388.0, 130.0, 70.0, 4, 4, below=28.0, top=10.0, points=110)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,25 +55,24 @@ class LinePicture:
     limits: tuple[float, float] | None = None  # of the values, where they are known beforehand
 
 
-def line_chart(shown: LinePicture, frame: LineFrame, write: Callable[[str], str]) -> Markup:
+def line_chart(shown: LinePicture, frame: Frame, write: Callable[[str], str]) -> Markup:
     """Draw curves; ``write`` puts a number into the language of the page."""
-    right, bottom = frame.width - 12.0, frame.height - 28.0
     x_axis = Axis(
         min(float(curve.x.min()) for curve in shown.curves),
         max(float(curve.x.max()) for curve in shown.curves),
         frame.left,
-        right,
+        frame.right,
     )
     y_axis = (
-        axis_over(np.concatenate([c.y for c in shown.curves]), bottom, _TOP, logarithmic=shown.logarithmic)
+        axis_over(np.concatenate([c.y for c in shown.curves]), frame.bottom, frame.top, logarithmic=shown.logarithmic)
         if shown.limits is None
-        else Axis(*shown.limits, bottom, _TOP)
+        else Axis(*shown.limits, frame.bottom, frame.top)
     )
-    parts = [_band(shown.band, x_axis, bottom), _grid(shown, (x_axis, y_axis), frame, bottom, write)]
+    parts = [_band(shown.band, x_axis, frame), _grid(shown, x_axis, y_axis, frame, write)]
     parts += [_curve(curve, x_axis, y_axis, frame.points) for curve in shown.curves]
     if shown.picked is not None:
         x = float(x_axis(shown.picked))
-        parts.append(element("line", x1=x, y1=_TOP, x2=x, y2=bottom, class_="picked"))
+        parts.append(element("line", x1=x, y1=frame.top, x2=x, y2=frame.bottom, class_="picked"))
     return image(frame.width, frame.height, shown.title, *parts)
 
 
@@ -86,23 +82,22 @@ def _curve(curve: Curve, x_axis: Axis, y_axis: Axis, points: int) -> Markup:
     return element("path", d=path_through(x_axis(curve.x[kept]), y), class_=f"curve {curve.style}")
 
 
-def _band(band: tuple[float, float] | None, x_axis: Axis, bottom: float) -> Markup:
+def _band(band: tuple[float, float] | None, x_axis: Axis, frame: Frame) -> Markup:
     if band is None:
         return Markup()
     low, high = (min(max(float(x_axis(end)), x_axis.start), x_axis.end) for end in band)
-    return element("rect", x=low, y=_TOP, width=max(high - low, 0.0), height=bottom - _TOP, class_="band")
+    return element(
+        "rect", x=low, y=frame.top, width=max(high - low, 0.0), height=frame.bottom - frame.top, class_="band"
+    )
 
 
-def _grid(
-    shown: LinePicture, scales: tuple[Axis, Axis], frame: LineFrame, bottom: float, write: Callable[[str], str]
-) -> Markup:
-    x_axis, y_axis = scales
+def _grid(shown: LinePicture, x_axis: Axis, y_axis: Axis, frame: Frame, write: Callable[[str], str]) -> Markup:
     drawn = [value_grid(y_axis, frame.left, x_axis.end, frame.values, write)]
     for value in x_axis.ticks(frame.places):
         x = float(x_axis(value))
-        drawn.append(element("line", x1=x, y1=bottom, x2=x, y2=bottom + 5.0, class_="grid"))
+        drawn.append(element("line", x1=x, y1=frame.bottom, x2=x, y2=frame.bottom + 5.0, class_="grid"))
         if x < x_axis.end - 50.0:
             drawn.append(label(write(tick(value)), x, frame.height - 6.0, text_anchor="middle", class_="quiet"))
-    drawn.append(element("line", x1=frame.left, y1=bottom, x2=x_axis.end, y2=bottom, class_="grid"))
+    drawn.append(element("line", x1=frame.left, y1=frame.bottom, x2=x_axis.end, y2=frame.bottom, class_="grid"))
     drawn.append(label(shown.x_unit, x_axis.end, frame.height - 6.0, text_anchor="end", class_="quiet"))
     return joined(drawn)

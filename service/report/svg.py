@@ -98,6 +98,31 @@ class Axis:
         return [value for value in values if self.lower <= value <= self.upper]
 
 
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Size of a picture, where its plot lies in it, and how many labels it has room for; all lengths in pixels."""
+
+    width: float
+    height: float
+    left: float
+    places: int = 8  # labels across
+    values: int = 4  # labels upwards
+    below: float = 30.0  # room under the plot
+    beside: float = 12.0  # and to the right of it
+    top: float = 12.0
+    points: int = 400  # of a curve: as many as the eye can use
+
+    @property
+    def bottom(self) -> float:
+        """Where the plot ends."""
+        return self.height - self.below
+
+    @property
+    def right(self) -> float:
+        """Where it ends on the right."""
+        return self.width - self.beside
+
+
 def axis_over(values: FloatArray, start: float, end: float, *, logarithmic: bool = False) -> Axis:
     """Return an axis that holds all finite values, and is never without width."""
     usable = values[np.isfinite(values) & (values > 0.0 if logarithmic else True)]

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup
 
-from service.report.svg import Axis, axis_over, element, image, joined, label, path_through, value_grid
+from service.report.svg import Axis, Frame, axis_over, element, image, joined, label, path_through, value_grid
 
 _HOUR, _DAY = timedelta(hours=1), timedelta(days=1)
 _STEPS: Final = (
@@ -100,33 +100,12 @@ class Wedge:
     upper: Sequence[float]
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """Size of a chart, and how many labels it has room for; all lengths in pixels."""
-
-    width: float
-    height: float
-    left: float
-    times: int
-    values: int
-    lane: bool = True
-
-    @property
-    def bottom(self) -> float:
-        """Where the axis of time is."""
-        return self.height - (58.0 if self.lane else 30.0)
-
-    @property
-    def right(self) -> float:
-        """Where the last moment is."""
-        return self.width - 12.0
-
-
-WIDE: Final = Frame(1180.0, 300.0, 70.0, 8, 5)
-NARROW: Final = Frame(388.0, 250.0, 56.0, 5, 4)
-LOW_WIDE: Final = Frame(1180.0, 170.0, 70.0, 8, 3, lane=False)
-LOW_NARROW: Final = Frame(388.0, 150.0, 56.0, 5, 3, lane=False)
-_TOP: Final = 12.0
+#: Room for the axis of time, and for a lane of events above it.
+_WITH_LANE: Final = 58.0
+WIDE: Final = Frame(1180.0, 300.0, 70.0, 8, 5, _WITH_LANE)
+NARROW: Final = Frame(388.0, 250.0, 56.0, 5, 4, _WITH_LANE)
+LOW_WIDE: Final = Frame(1180.0, 170.0, 70.0, 8, 3)
+LOW_NARROW: Final = Frame(388.0, 150.0, 56.0, 5, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +198,7 @@ def _scale(shown: TrendPicture, frame: Frame) -> Axis:
     if shown_values.size:
         reach = 1.5 * max(float(np.ptp(shown_values)), 0.2 * float(np.abs(shown_values).max()))
         ends = np.clip(ends[np.isfinite(ends)], shown_values.min() - reach, shown_values.max() + reach)
-    return axis_over(np.array([*shown_values, *ends]), frame.bottom - 18.0, _TOP)
+    return axis_over(np.array([*shown_values, *ends]), frame.bottom - 18.0, frame.top)
 
 
 def _grid(scale: Axis, frame: Frame, write: Callable[[str], str], unit: str) -> Markup:
@@ -229,7 +208,7 @@ def _grid(scale: Axis, frame: Frame, write: Callable[[str], str], unit: str) -> 
 
 def _times(time: _TimeAxis, frame: Frame) -> Markup:
     drawn = [element("line", x1=frame.left, y1=frame.bottom, x2=frame.right, y2=frame.bottom, class_="grid")]
-    for moment, words in time_ticks(time.start, time.end, frame.times):
+    for moment, words in time_ticks(time.start, time.end, frame.places):
         x, half = time.place(moment), _CHARACTER * len(words) / 2.0
         drawn.append(element("line", x1=x, y1=frame.bottom, x2=x, y2=frame.bottom + 5.0, class_="grid"))
         if x - half > 0.0 and x + half < frame.width:
@@ -240,7 +219,9 @@ def _times(time: _TimeAxis, frame: Frame) -> Markup:
 def _band(band: Band | None, scale: Axis, frame: Frame) -> Markup:
     if band is None:
         return Markup()
-    lower, upper, level = (min(max(float(scale(v)), _TOP), frame.bottom) for v in (band.lower, band.upper, band.level))
+    lower, upper, level = (
+        min(max(float(scale(v)), frame.top), frame.bottom) for v in (band.lower, band.upper, band.level)
+    )
     width = frame.right - frame.left
     return joined([
         element("rect", x=frame.left, y=upper, width=width, height=max(lower - upper, 0.0), class_="band"),
@@ -276,7 +257,7 @@ def _line(line: Line | None, time: _TimeAxis, scale: Axis, frame: Frame) -> Mark
 
 def _lane(events: Sequence[LaneEvent], time: _TimeAxis, frame: Frame) -> Markup:
     held = sorted((event for event in events if time.holds(event.at)), key=lambda event: event.at)
-    if not frame.lane:
+    if frame.below < _WITH_LANE:
         return joined([_event_line(time.place(event.at), frame, event.kind) for event in held])
     drawn, free_from, y = [], frame.left, frame.bottom + 22.0
     places = [*(time.place(event.at) for event in held), frame.width + 5.0]
@@ -291,7 +272,7 @@ def _lane(events: Sequence[LaneEvent], time: _TimeAxis, frame: Frame) -> Markup:
 
 
 def _event_line(x: float, frame: Frame, kind: str) -> Markup:
-    return element("line", x1=x, y1=_TOP, x2=x, y2=frame.bottom, class_=f"event {kind}")
+    return element("line", x1=x, y1=frame.top, x2=x, y2=frame.bottom, class_=f"event {kind}")
 
 
 def _marks(marks: Sequence[Mark], time: _TimeAxis, scale: Axis, frame: Frame, linked: bool) -> Markup:
@@ -302,7 +283,7 @@ def _marks(marks: Sequence[Mark], time: _TimeAxis, scale: Axis, frame: Frame, li
         x, known = time.place(mark.at), math.isfinite(mark.value)
         y = _inside(scale, mark.value, frame) if known else frame.bottom - 8.0
         if known and math.isfinite(mark.lower):
-            top = _inside(scale, mark.upper, frame) if math.isfinite(mark.upper) else _TOP
+            top = _inside(scale, mark.upper, frame) if math.isfinite(mark.upper) else frame.top
             intervals.setdefault(mark.kind, []).append(f"M{x:.1f} {_inside(scale, mark.lower, frame):.1f}V{top:.1f}")
         shape = _shape(mark.kind, x, y)
         if linked and mark.href is not None:
@@ -316,7 +297,7 @@ def _marks(marks: Sequence[Mark], time: _TimeAxis, scale: Axis, frame: Frame, li
 
 
 def _inside(scale: Axis, value: float, frame: Frame) -> float:
-    return min(max(float(scale(value)), _TOP), frame.bottom)
+    return min(max(float(scale(value)), frame.top), frame.bottom)
 
 
 def _shape(kind: str, x: float, y: float) -> str:
@@ -352,20 +333,14 @@ class ShareLine:
 def sisters_chart(title: str, lines: Sequence[ShareLine], frame: Frame, write: Callable[[str], str]) -> Markup:
     """Draw all lines in one picture; each has a number at its end, as in the table by it."""
     moments = [moment for line in lines for moment in line.at]
-    start, end = min(moments), max(moments)
-    whole = (end - start).total_seconds() or 1.0
-    scale = axis_over(100.0 * np.array([share for line in lines for share in line.share]), frame.bottom - 8.0, 12.0)
-    left, last = frame.left + 8.0, frame.right - 28.0
-
-    def place(moment: datetime) -> float:
-        return left + (moment - start).total_seconds() / whole * (last - left)
-
-    drawn = [value_grid(scale, frame.left, frame.right, frame.values, write)]
-    drawn.append(label("%", frame.left - 6.0, frame.bottom + 4.0, text_anchor="end", class_="quiet"))
-    for moment, words in time_ticks(start, end, frame.times):
-        drawn.append(label(words, place(moment), frame.height - 8.0, text_anchor="middle", class_="quiet"))
+    time = _TimeAxis(min(moments), max(moments), Axis(0.0, 1.0, frame.left + 8.0, frame.right - 28.0))
+    shares = 100.0 * np.array([share for line in lines for share in line.share])
+    scale = axis_over(shares, frame.bottom - 8.0, frame.top)
+    drawn = [_grid(scale, frame, write, "%")]
+    for moment, words in time_ticks(time.start, time.end, frame.places):
+        drawn.append(label(words, time.place(moment), frame.height - 8.0, text_anchor="middle", class_="quiet"))
     for number, line in enumerate(lines):
-        x = np.array([place(moment) for moment in line.at])
+        x = np.array([time.place(moment) for moment in line.at])
         y = np.asarray(scale(100.0 * np.array(line.share)))
         dashes = "" if line.is_own else DASHES[1 + number % (len(DASHES) - 1)]
         drawn.append(

@@ -22,7 +22,8 @@ from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
 from service.operations.monitoring.evidence import Responses, evidence_of
 from service.operations.monitoring.trend import MeasurementView
-from service.report.line_chart import LOW_NARROW, LOW_WIDE, NARROW, WIDE, Curve, LineFrame, LinePicture, line_chart
+from service.report.line_chart import LOW_NARROW, LOW_WIDE, NARROW, WIDE, Curve, LinePicture, line_chart
+from service.report.svg import Frame
 from service.web.site import PageOf
 from service.web.trend_view import Charts, twice
 from service.web.words import Words
@@ -177,7 +178,7 @@ def response_pictures(words: Words, responses: Responses, picked: float | None) 
 
     def draw(
         title: str, y_unit: str, value: Callable[[FrequencyResponse], FloatArray | None],
-        frames: tuple[LineFrame, LineFrame], *, logarithmic: bool = False, limits: tuple[float, float] | None = None,
+        frames: tuple[Frame, Frame], *, logarithmic: bool = False, limits: tuple[float, float] | None = None,
     ) -> Charts | None:  # fmt: skip
         curves = [
             Curve(response.frequency, values, style)

@@ -15,13 +15,13 @@ from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.extremes import thin_out
 from service.operations.monitoring.history import AxisHistory
+from service.report.svg import Frame
 from service.report.trend_chart import (
     LOW_NARROW,
     LOW_WIDE,
     NARROW,
     WIDE,
     Band,
-    Frame,
     LaneEvent,
     Line,
     Mark,
