@@ -87,6 +87,8 @@ class Answer:
 class AnalysisArguments(RequestModel):
     """What is asked, and what was measured: stored measurements, or peaks."""
 
+    #: Name of the member that is the model of the axis, TOML.
+    described_by: ClassVar[str]
     #: Of its jobs.
     kind: ClassVar[str]
     #: Reported until the analysis reports its own.
@@ -107,7 +109,9 @@ class AnalysisArguments(RequestModel):
 
     def axis(self) -> "AxisDescription":
         """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
-        raise NotImplementedError
+        from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415  # a start pays for no analysis
+
+        return parse_model(getattr(self, self.described_by), self.described_by)
 
     def require(self, measured: Measured) -> None:
         """Refuse at once what cannot be answered; raises MonitorCoreError with the reason in one sentence."""

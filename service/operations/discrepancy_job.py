@@ -19,15 +19,12 @@ from service.store.tables import JobRow
 
 if TYPE_CHECKING:
     from monitor_core.discrepancy import ExplainOptions
-    from monitor_core.fitting.axis import AxisDescription
 
 
 class DiscrepancyIn(AnalysisArguments):
     """What the axis is said to be, and what was measured of it: stored measurements, or peaks."""
 
     model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
         json_schema_extra={
             "oneOf": exactly_one_of("measurements", "peaks"),
             "examples": [
@@ -36,6 +33,7 @@ class DiscrepancyIn(AnalysisArguments):
         },
     )
 
+    described_by = "baseline"
     kind = "discrepancy"
     first = Progress(1, None, "reading what was measured")
 
@@ -49,12 +47,6 @@ class DiscrepancyIn(AnalysisArguments):
         default=None,
         description="after it the best answer so far is given, partial or unknown, with what was not tried",
     )
-
-    def axis(self) -> "AxisDescription":
-        """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
-        from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415  # a start pays for no analysis
-
-        return parse_model(self.baseline, "baseline")
 
     def require(self, measured: Measured) -> None:
         """Refuse at once what cannot be explained; raises MonitorCoreError with the reason in one sentence."""

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from monitor_core.recording import ExcitationSource
 from monitor_core.uncertainty import Estimate
@@ -11,18 +11,15 @@ from service.operations.analysis_job import (
     Answer,
     Measured,
 )
-from service.operations.fields import Frequency, JointLimit, Place, ScatterHz, SetPreload, exactly_one_of
+from service.operations.fields import Frequency, JointLimit, Place, RequestModel, ScatterHz, SetPreload, exactly_one_of
 from service.operations.own_process import Progress, Report
 
 if TYPE_CHECKING:
-    from monitor_core.fitting.axis import AxisDescription
     from monitor_core.identification import IdentifyOptions, PredictionRequest
 
 
-class PredictionIn(BaseModel):
+class PredictionIn(RequestModel):
     """A calibration to be predicted from the joints: of which mode, and at which preload they were measured."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     mode_hz: Annotated[
         tuple[Frequency, Frequency],
@@ -45,8 +42,6 @@ class IdentificationIn(AnalysisArguments):
     """Whose joints, and from what: stored measurements, or peaks."""
 
     model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
         json_schema_extra={
             "oneOf": exactly_one_of("measurements", "peaks"),
             "examples": [
@@ -55,6 +50,7 @@ class IdentificationIn(AnalysisArguments):
         },
     )
 
+    described_by = "model"
     kind = "identification"
     first = Progress(0)
 
@@ -68,12 +64,6 @@ class IdentificationIn(AnalysisArguments):
     objective: Literal["weighted", "eq-26"] = "weighted"
     prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-
-    def axis(self) -> "AxisDescription":
-        """Return what the axis is said to be; raises MonitorCoreError if that cannot be read."""
-        from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415  # a start pays for no analysis
-
-        return parse_model(self.model, "model")
 
     def require(self, measured: Measured) -> None:
         """Refuse at once what cannot be identified; raises MonitorCoreError with the reason in one sentence."""

@@ -6,7 +6,7 @@ from datetime import timedelta
 from functools import lru_cache
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
+from pydantic import Field, TypeAdapter, model_validator
 from sqlalchemy.orm import Session
 
 from monitor_core.modal import ModeGate
@@ -37,6 +37,7 @@ from service.operations.fields import (
     Mass,
     Moment,
     Number,
+    RequestModel,
     SampleRate,
     SetPreload,
 )
@@ -44,10 +45,8 @@ from service.store.axes import list_axes
 from service.store.tables import AxisRow
 
 
-class AxisConfiguration(BaseModel):
+class AxisConfiguration(RequestModel):
     """What an operator states about an axis. It is sent, stored and shown in this one form."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     search_band_hz: tuple[Frequency, Frequency] | None = Field(
         default=None, description="where the axial mode is looked for as long as no calibration says it better"
