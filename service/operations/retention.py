@@ -13,11 +13,11 @@ from sqlalchemy import Connection
 
 from service.clock import now
 from service.documents.measurement import read_evidence
-from service.errors import UnknownResourceError
 from service.settings import Settings
 from service.store import measurements, retention
 from service.store.axes import get_axis
 from service.store.database import Database, reading
+from service.store.existing import existing_of
 from service.store.retention import StoredWindow, settled_with
 from service.store.tables import PinRow, PurgeRow
 from service.store.trend.points import Span
@@ -137,9 +137,7 @@ def pin(database: Database, axis_id: str, what: int | Span, why: Reason) -> PinR
 def remove_pin(database: Database, axis_id: str, pin_id: int) -> PinRow:
     """Let the rule decide again about what a pin kept; return it as it was."""
     with database.write() as session, settled_with(session.connection()):
-        row = session.get(PinRow, pin_id)
-        if row is None or row.axis_id != axis_id:
-            raise UnknownResourceError(f"axis '{axis_id}' has no pin {pin_id}")
+        row = existing_of(axis_id, session.get(PinRow, pin_id), f"pin {pin_id}")
         session.delete(row)
         return row
 

@@ -6,7 +6,7 @@ from datetime import datetime
 from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
-from service.errors import UnknownResourceError
+from service.store.existing import existing
 from service.store.tables import AuditRow, BrowserSessionRow, KeyRow, UserRow
 
 #: Whoever has this role may do everything; the first one of it closes the service to others.
@@ -19,10 +19,7 @@ REFUSING_STATUS = (401, 403, 429)
 
 def get_user(session: Session, name: str) -> UserRow:
     """Return one user or say that there is none."""
-    row = session.get(UserRow, name)
-    if row is None:
-        raise UnknownResourceError(f"there is no user '{name}'")
-    return row
+    return existing(session.get(UserRow, name), f"user '{name}'")
 
 
 def list_users(session: Session) -> list[UserRow]:
@@ -32,10 +29,7 @@ def list_users(session: Session) -> list[UserRow]:
 
 def get_key(session: Session, key_id: int) -> KeyRow:
     """Return one key or say that there is none."""
-    row = session.get(KeyRow, key_id)
-    if row is None:
-        raise UnknownResourceError(f"there is no key {key_id}")
-    return row
+    return existing(session.get(KeyRow, key_id), f"key {key_id}")
 
 
 def list_keys(session: Session) -> list[KeyRow]:

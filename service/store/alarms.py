@@ -6,7 +6,7 @@ from datetime import datetime
 from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
-from service.errors import UnknownResourceError
+from service.store.existing import existing
 from service.store.tables import AlarmEventRow, AlarmRow, AxisRow
 
 ACTIVE, ACKNOWLEDGED, CLEARED = "active", "acknowledged", "cleared"
@@ -20,10 +20,7 @@ _ARCHIVED = select(AxisRow.id).where(AxisRow.archived_at.is_not(None))
 
 def get_alarm(session: Session, alarm_id: int) -> AlarmRow:
     """Return one alarm or say that there is none."""
-    row = session.get(AlarmRow, alarm_id)
-    if row is None:
-        raise UnknownResourceError(f"there is no alarm {alarm_id}")
-    return row
+    return existing(session.get(AlarmRow, alarm_id), f"alarm {alarm_id}")
 
 
 def list_alarms(

@@ -7,7 +7,8 @@ from sqlalchemy.orm import Session
 
 from monitor_core.preload import Calibration
 from monitor_core.recordings.calibration_file import calibration_from_document
-from service.errors import PreconditionError, UnknownResourceError
+from service.errors import PreconditionError
+from service.store.existing import existing_of
 from service.store.intake import AxisRecord
 from service.store.tables import ActivationRow, AxisRow, CalibrationRow
 
@@ -16,10 +17,7 @@ MOST_KNOWN = 1000
 
 def get_calibration(session: Session, axis_id: str, calibration_id: int) -> CalibrationRow:
     """Return one calibration of an axis or say that there is none."""
-    row = session.get(CalibrationRow, calibration_id)
-    if row is None or row.axis_id != axis_id:
-        raise UnknownResourceError(f"axis '{axis_id}' has no calibration {calibration_id}")
-    return row
+    return existing_of(axis_id, session.get(CalibrationRow, calibration_id), f"calibration {calibration_id}")
 
 
 def require_in_force(axis: AxisRow, expected: str | None) -> None:

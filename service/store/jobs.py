@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from service.clock import now
 from service.errors import StorageError, UnknownResourceError
+from service.store.existing import existing
 from service.store.service_order import database_time
 from service.store.tables import JobRow
 
@@ -54,10 +55,7 @@ UNFINISHED = text("jobs.status IN ('queued', 'running')")
 
 def get_job(session: Session, job_id: str) -> JobRow:
     """Return one job or say that there is none."""
-    row = session.get(JobRow, job_id)
-    if row is None:
-        raise UnknownResourceError(f"there is no job '{job_id}'")
-    return row
+    return existing(session.get(JobRow, job_id), f"job '{job_id}'")
 
 
 def list_jobs(session: Session, axis_id: str | None, limit: int, after: str | None = None) -> list[JobRow]:
@@ -106,10 +104,7 @@ def unfinished_by_kind(session: Session) -> dict[tuple[str, str], int]:
 
 def locked_job(session: Session, job_id: str) -> JobRow:
     """Return one job as it stands, which nobody else changes until the transaction ends."""
-    row = session.scalar(select(JobRow).where(JobRow.id == job_id).with_for_update())
-    if row is None:
-        raise UnknownResourceError(f"there is no job '{job_id}'")
-    return row
+    return existing(session.scalar(select(JobRow).where(JobRow.id == job_id).with_for_update()), f"job '{job_id}'")
 
 
 def take_next(session: Session, kind: str, owner: str, lease: timedelta) -> JobRow | None:

@@ -8,8 +8,8 @@ from sqlalchemy import Connection, Select, bindparam, func, or_, select, text
 from sqlalchemy.orm import Session
 
 from monitor_core.recording import RejectionReason
-from service.errors import UnknownResourceError
 from service.json_types import JsonObject
+from service.store.existing import existing_of
 from service.store.intake import JUDGED, REFUSED
 from service.store.retention import require_stored
 from service.store.tables import PLACE, AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, microseconds_of
@@ -29,10 +29,7 @@ _MEMBERS = (
 
 def get_measurement(session: Session, axis_id: str, measurement_id: int) -> MeasurementRow:
     """Return one measurement or say that there is none."""
-    row = session.get(MeasurementRow, measurement_id)
-    if row is None or row.axis_id != axis_id:
-        raise UnknownResourceError(f"axis '{axis_id}' has no measurement {measurement_id}")
-    return row
+    return existing_of(axis_id, session.get(MeasurementRow, measurement_id), f"measurement {measurement_id}")
 
 
 def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:

@@ -16,7 +16,8 @@ from pathlib import Path
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.errors import StorageError, UnknownResourceError
+from service.errors import StorageError
+from service.store.existing import existing_of
 from service.store.tables import RecordingRow
 from service.store.waveform_files import make_folder, sync_folder
 
@@ -167,10 +168,7 @@ def not_taken(error: Exception) -> StorageError:
 
 def get_recording(session: Session, axis_id: str, recording_id: int) -> RecordingRow:
     """Return one recording of an axis or say that there is none."""
-    row = session.get(RecordingRow, recording_id)
-    if row is None or row.axis_id != axis_id:
-        raise UnknownResourceError(f"axis '{axis_id}' has no recording {recording_id}")
-    return row
+    return existing_of(axis_id, session.get(RecordingRow, recording_id), f"recording {recording_id}")
 
 
 def list_recordings(session: Session, axis_id: str, before_id: int | None, limit: int) -> list[RecordingRow]:

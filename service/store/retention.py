@@ -8,9 +8,10 @@ from datetime import datetime
 from sqlalchemy import Connection, delete, func, insert, literal_column, select, text, update
 from sqlalchemy.orm import Session
 
-from service.errors import LetGoError, UnknownResourceError
+from service.errors import LetGoError
 from service.json_types import JsonObject
 from service.store.alarms import WITHDRAWN
+from service.store.existing import existing
 from service.store.intake import OPEN
 from service.store.tables import (
     PLACE,
@@ -114,10 +115,7 @@ def add_to_purge(connection: Connection, purge_id: int, *, n_windows: int, freed
 
 def get_purge(session: Session, purge_id: int) -> PurgeRow:
     """Return one purge or say that there is none."""
-    row = session.get(PurgeRow, purge_id)
-    if row is None:
-        raise UnknownResourceError(f"there is no purge {purge_id}")
-    return row
+    return existing(session.get(PurgeRow, purge_id), f"purge {purge_id}")
 
 
 def newest_purges(session: Session, limit: int) -> list[PurgeRow]:
