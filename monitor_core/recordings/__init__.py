@@ -44,33 +44,6 @@ if TYPE_CHECKING:
         write_session as write_session,
     )
 
-__all__ = [
-    "Channel",
-    "ChannelMap",
-    "Channels",
-    "FileReport",
-    "ImportedSession",
-    "ModalRow",
-    "SessionReader",
-    "check_file",
-    "import_session",
-    "open_session",
-    "read_calibration",
-    "read_channel_map",
-    "read_channels",
-    "read_frf_set",
-    "read_modal_table",
-    "read_model_file",
-    "read_motion_record",
-    "read_session",
-    "write_calibration",
-    "write_frf_set",
-    "write_modal_table",
-    "write_model_file",
-    "write_motion_record",
-    "write_session",
-]
-
 _HOMES = {
     "calibration_file": ("read_calibration", "write_calibration"),
     "check": ("FileReport", "check_file"),

@@ -105,20 +105,7 @@ class Session:
 
 def first_of(new: Observation) -> Session:
     """Begin a session with its first measurement."""
-    return Session(
-        new.at,
-        new.at,
-        1,
-        new.value,
-        0.0,
-        new.standard_uncertainty**2,
-        new.systematic_uncertainty,
-        new.temperature,
-        new.drag_torque,
-        int(new.temperature is not None),
-        int(new.drag_torque is not None),
-        new.in_doubt,
-    )
+    return Session(new.at, new.at, 0, new.value).with_observation(new)
 
 
 def sessions_of(observations: Sequence[Observation]) -> list[Session]:
