@@ -1,4 +1,4 @@
-"""Return a row that is asked for by its number or name, or say that there is none."""
+"""Return a row that is asked for by its number or name, or refuse a name that nothing has."""
 
 from typing import TypeVar
 
