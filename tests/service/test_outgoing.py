@@ -9,12 +9,14 @@ from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any
 
+import click
 import httpx
 import pytest
 from paho.mqtt.client import MQTTMessage
 
 import preload_client
 from preload_client import Client, UnreachableError
+from service.cli.remote import client as remote
 from service.clock import now
 from service.errors import DataFolderError
 from service.gateways import mqtt_windows, opcua_reading
@@ -125,6 +127,30 @@ def test_a_broker_is_verified_before_it_is_told_anything(foreign: tuple[Path, ss
     with hear as port, pytest.raises(NotTakenError, match="certificate verify failed"):
         send(broker(port, tls=True))
     assert heard == []
+
+
+def test_a_key_goes_only_to_a_service_that_is_believed(
+    foreign: tuple[Path, ssl.SSLContext], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ca_file, tls = foreign
+    heard: list[bytes] = []
+
+    def talk(to: socket.socket) -> None:
+        heard.append(to.recv(2**16))
+        to.sendall(b'HTTP/1.1 200 OK\r\ncontent-length: 11\r\n\r\n{"axes":[]}')
+
+    monkeypatch.setenv("PRELOAD_KEY", PASSWORD)
+    with talking(talk, tls) as port:
+        with (
+            remote.Client(f"https://127.0.0.1:{port}") as client,
+            pytest.raises(click.ClickException, match="certificate verify failed"),
+        ):
+            client.get("/v1/axes", remote._KnownAxes)
+        assert heard == []
+        monkeypatch.setenv("PRELOAD_CA_FILE", str(ca_file))
+        with remote.Client(f"https://127.0.0.1:{port}") as client:
+            assert client.get("/v1/axes", remote._KnownAxes).axes == []
+    assert PASSWORD.encode() in heard[0]
 
 
 REFUSED = [
