@@ -93,6 +93,8 @@ def _half_power_damping(frf: FrequencyResponse, peak: int) -> float:
 
 #: Windows dropped or taken back by the fit change the fit; what has not settled after so many is warned about.
 _PASSES = 3
+#: Lines in which a peak can be told: the outermost two have no neighbour.
+_FEWEST_LINES = 3
 #: Share of a window's response that the median response of the windows leaves unexplained, for a gross misfit.
 _GROSS_SHARE = 0.5
 #: A window is outlying if it leaves this many times the median misfit, both in absolute terms (or it would do no harm)
@@ -122,7 +124,14 @@ def average_and_fit(
     maximum_modes: int,  # 1 or 2
 ) -> AveragedFit | Rejection:
     """Average, choose the peak, fit; leave out windows that do not belong and take back those that do."""
-    taper, gross, first_share = _first_look(spectra.within(*lines), gate)
+    looked_at = spectra.within(*lines)
+    if looked_at.frequency.size < _FEWEST_LINES:
+        return Rejection(
+            RejectionReason.NO_PEAK_IN_BAND,
+            f"at least {_FEWEST_LINES} lines of the spectrum are needed from {lines[0]:g} to {lines[1]:g} Hz; "
+            f"got {looked_at.frequency.size}, {spectra.resolution:g} Hz apart",
+        )
+    taper, gross, first_share = _first_look(looked_at, gate)
     kept = ~gross
     for _ in range(_PASSES):
         if kept.sum() < gate.minimum_averages:

@@ -204,8 +204,13 @@ def require_frequencies(frequency: FloatArray) -> FloatArray:
     return array
 
 
+#: Shortest part of a screw, of all of it: a nanometre of a metre. Of less, the stiffness is no number.
+_SHORTEST_SHARE = 1e-9
+
+
 def require_position(position: float, screw_length: float) -> float:
-    """Return the position, or refuse one that is not on the screw."""
-    if not 0.0 < position < screw_length:
+    """Return the position, or refuse one that is not on the screw: what is left of it on a side has a stiffness."""
+    least = _SHORTEST_SHARE * screw_length
+    if not least <= position <= screw_length - least:
         raise OutsideValidityError(f"position must lie on the screw, within 0 and {screw_length} m; got {position} m")
     return position

@@ -163,6 +163,10 @@ def test_no_mode_in_the_band():
         measure_mode(windows_of(), band=(120.0, 1200.0), gate=GATE)
 
 
+def test_a_band_between_two_lines_holds_no_peak():
+    assert_refused(windows_of(), RejectionReason.NO_PEAK_IN_BAND, band=(175.1, 175.2))
+
+
 def test_low_coherence_is_refused_and_middling_coherence_warned_about():
     assert_refused(windows_of(noise=1.5), RejectionReason.LOW_COHERENCE, gate=ModeGate(minimum_coherence=0.9))
     result = measured(windows_of(), gate=ModeGate(warn_coherence=0.9999))
