@@ -25,6 +25,7 @@ from monitor_core.preload.budget import uncertainty_budget
 from monitor_core.preload.feature import from_reference
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate, IntervalKind
+from tests.conftest import canary
 
 K = PreloadFeatureCoefficients(-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8)
 INFLUENCE = InfluenceCoefficients(inverse_moving_mass=1.0 / 23.864, temperature=1e-8)
@@ -228,7 +229,7 @@ def test_systematic_uncertainty_between_positions_is_the_scatter_over_calibratio
     assert np.std(differences) == pytest.approx(np.sqrt(np.mean(np.square(stated))), rel=0.16)
 
 
-@pytest.mark.parametrize("preload", [30.0, 300.0])
+@pytest.mark.parametrize("preload", canary([30.0, 300.0]))
 def test_budget_of_the_calibration_is_the_scatter_over_calibrations(preload: float) -> None:
     """400 calibrations read one true frequency: θ = preload^(−1/3) scatters as their joint covariance says."""
     rng = np.random.default_rng(25)

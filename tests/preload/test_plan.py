@@ -44,6 +44,7 @@ def test_one_more_setting_is_never_worse(measured, more) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(measured=drawn)
+@pytest.mark.release
 def test_the_proposed_setting_beats_the_average_other(measured) -> None:
     plan = plan_calibration(measured, GRID, EXPECTED, healthy_preload=HEALTHY, wished_loss=60.0)
     others = [loss([*measured, item]) for item in GRID if item != plan.proposed]

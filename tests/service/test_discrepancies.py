@@ -248,7 +248,7 @@ def test_report_is_of_a_finished_discrepancy_of_this_axis(shared_api: Api) -> No
     for axis in ("mine", "other"):
         shared_api.register(axis)
     job_id = start(shared_api, "mine", baseline=TEXT, peaks=sound_peaks())
-    assert wait_for(shared_api, job_id, "done", "failed")["status"] == "done"
+    assert wait_for(shared_api, job_id, "done", "failed", timeout_s=300.0)["status"] == "done"
     assert shared_api.http.get(report_path("mine", job_id)).status_code == 200
     for path in (report_path("other", job_id), report_path("mine", "0" * 36)):
         assert_problem(shared_api.http.get(path), 404, "unknown-resource")

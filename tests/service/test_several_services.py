@@ -79,6 +79,7 @@ def without_locks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(database_module, "lock_free_axes", lambda _, axis_ids: list(axis_ids))
 
 
+@pytest.mark.release
 def test_without_the_lock_senders_are_sent_away(
     url: str, windows: list[Window], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
