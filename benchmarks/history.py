@@ -4,12 +4,16 @@
 ``python -m benchmarks.history trend [--millions 50]``: 1000 points of a trend, over spans of every length, from a
 database of so many rows (axes of a million each). ``python -m benchmarks.history fleet``: 1000 axes with a measurement
 and a learnt baseline. ``python -m benchmarks.history tables``: a million measurements as CSV and as Parquet, with the
-processor time and the memory of the service. Trend and fleet take ``--database-url`` of an empty database on PostgreSQL
-in place of SQLite.
+processor time and the memory of the service.
+``python -m benchmarks.history cost [--earlier FOLDER]``: the processor time of answers on a year of minutes, beside
+SQLite with json alone, and an earlier program in a folder. Trend and fleet take ``--database-url`` of an empty
+database on PostgreSQL in place of SQLite.
 """
 
 import argparse
+import json
 import os
+import shutil
 import sqlite3
 import tempfile
 import time
@@ -200,6 +204,80 @@ def repeat_history(database: Database, n_axes: int) -> tuple[int, float]:
         return n_rows, (session.scalar(text("SELECT pg_database_size(current_database())")) or 0) / 2**30
 
 
+def cost(earlier: Path | None, n_measurements: int) -> None:
+    """Print what answers cost the processor, beside SQLite with json alone, and beside an earlier program."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with axis_with_history(folder / "now", n_measurements):
+            pass
+        as_measured(folder / "now")
+        copies = {"this program": (Path.cwd(), folder / "now")}
+        if earlier is not None:  # it reads no documents of later ones, nor needs any for a trend
+            shutil.copytree(folder / "now", folder / "before")
+            with closing(sqlite3.connect(folder / "before" / "preload.db")) as database, database:
+                database.execute("UPDATE alembic_version SET version_num = '0017'")
+            copies["earlier program"] = (earlier, folder / "before")
+        print(f"{'':42} {'CPU, ms':>8} {'kB':>7}")
+        for program, (source, data) in copies.items():
+            for path in COSTS if program == "this program" else COSTS[1:]:
+                spent_ms, n_bytes = asked_of(source, data, path)
+                print(f"{program + ': ' + path.rpartition('/')[2]:42} {spent_ms:8.1f} {n_bytes / 1e3:7.1f}", flush=True)
+        spent_ms, n_bytes = bare(folder / "now" / "preload.db")
+        print(f"{'SQLite with json alone: 1000 points':42} {spent_ms:8.1f} {n_bytes / 1e3:7.1f}")
+
+
+COSTS = (
+    "/v1/axes/axis/trend?limit=1000&form=columns",
+    "/v1/axes/axis/trend?limit=1000",
+    "/v1/axes/axis/calibration-plan",
+    "/axes/axis/calibrate",
+    "/axes/axis",
+)
+ASKED = 60
+
+
+def as_measured(folder: Path) -> None:
+    """Give the numbers of a history all their digits, and a scatter that the axis has learnt."""
+    rng = np.random.default_rng(6)
+    with closing(sqlite3.connect(folder / "preload.db")) as database, database:
+        database.create_function("noise", 0, rng.standard_normal)
+        database.execute(
+            "UPDATE trend_points SET frequency_hz = 180 + 0.2 * noise(), drag_torque_nm = 0.3 + 0.01 * noise(), "
+            "preload_n = preload_n + noise(), interval_lower_n = interval_lower_n - 3 + 0.5 * noise(), "
+            "interval_upper_n = interval_upper_n + 3 + 0.5 * noise(), feature_s2 = 3.2e-6 + 1e-8 * noise(), "
+            "feature_scatter_s2 = 5e-8, learnt_scatter_s2 = 6e-8 + 1e-10 * noise(), calibration_id = 1"
+        )
+
+
+def asked_of(source: Path, data: Path, path: str) -> tuple[float, int]:
+    """Return what an answer of the program in a folder takes of the processor [ms], and its size, not compressed."""
+    with (
+        service(data, source) as (port, process),
+        httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as http,
+    ):
+        plain = {"accept-encoding": "identity"}
+        for _ in range(10):
+            answer = http.get(path, headers=plain).raise_for_status()
+        before = processor_time_s(process.pid)
+        for _ in range(ASKED):
+            http.get(path, headers=plain).raise_for_status()
+        return 1e3 * (processor_time_s(process.pid) - before) / ASKED, len(answer.content)
+
+
+def bare(path: Path) -> tuple[float, int]:
+    """Return the same for 1000 points of the trend, read by sqlite3 and written by json [ms, bytes]."""
+    names = (
+        "measurement_id", "name", "at", "position_mm", "refusal_reason", "frequency_hz", "preload_n",
+        "interval_lower_n", "interval_upper_n", "drag_torque_nm", "state", "uncharted", "calibration_id", "doubt",
+    )  # fmt: skip
+    query = f"SELECT {', '.join(names)} FROM trend_points WHERE axis_number = 1 ORDER BY at LIMIT 1000"  # noqa: S608
+    with closing(sqlite3.connect(path)) as database:
+        began = time.process_time()
+        for _ in range(ASKED):
+            text = json.dumps([dict(zip(names, row, strict=True)) for row in database.execute(query)])
+        return 1e3 * (time.process_time() - began) / ASKED, len(text)
+
+
 def learnt_state() -> JsonObject:
     """Return the state of an axis that was measured eight times a day for 60 days."""
     rng = np.random.default_rng(5)
@@ -284,14 +362,18 @@ def served(folder: Path) -> Iterator[Api]:
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("growth", "trend", "fleet", "tables"))
+    parser.add_argument("what", choices=("growth", "trend", "fleet", "tables", "cost"))
+    parser.add_argument("--earlier", type=Path, help="folder of an earlier program, for cost")
+    parser.add_argument("--measurements", type=int, default=525_600, help="of the axis, for cost")
     parser.add_argument("--millions", type=int, default=50, help="number of axes")
     parser.add_argument("--each", type=int, default=10**6, help="measurements of an axis")
     parser.add_argument("--database-url", help="of an empty database on PostgreSQL, for trend and fleet")
     options = parser.parse_args()
     if options.database_url is not None:
         os.environ["PRELOAD_DATABASE_URL"] = options.database_url  # for the services that are started, too
-    if options.what == "trend":
+    if options.what == "cost":
+        cost(options.earlier, options.measurements)
+    elif options.what == "trend":
         trend(options.millions, options.each)
     else:
         {"growth": growth, "fleet": fleet, "tables": tables}[options.what]()

@@ -9,6 +9,7 @@ import argparse
 import asyncio
 import json
 import multiprocessing
+import os
 import re
 import socket
 import subprocess
@@ -90,10 +91,11 @@ def _moment(number: int) -> dict[str, object]:
 
 
 @contextmanager
-def service(folder: Path) -> Iterator[tuple[int, psutil.Process]]:
-    """Run a service in a process of its own; yield its port and the process."""
+def service(folder: Path, program: Path | None = None) -> Iterator[tuple[int, psutil.Process]]:
+    """Run a service in a process of its own, of this program or of that in a folder; yield its port and the process."""
     command = [sys.executable, "-m", "service.cli.main", "serve", "--port", "0", "--data-dir", str(folder)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    own = None if program is None else os.environ | {"PYTHONPATH": str(program)}
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=program, env=own)
     try:
         assert process.stderr
         address = re.search(r"http://[\w.]+:(\d+)", next(line for line in process.stderr if "dashboard" in line))
