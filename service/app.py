@@ -6,7 +6,6 @@ from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from anyio import CapacityLimiter
 from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
@@ -82,8 +81,6 @@ if TYPE_CHECKING:
     from service.operations.notices.mqtt_states import StatePublisher
     from service.operations.notices.senders import Sender
 
-#: So many passwords are looked at at once, whoever sends them and from how many addresses.
-LOGINS_AT_ONCE = 4
 _COMPONENT = "#/components/schemas/{model}"
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -208,7 +205,6 @@ def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, li
         waveforms=waveforms,
         metrics=metrics,
         access=Access(database, on_loopback=settings.is_on_loopback()),
-        logins=CapacityLimiter(LOGINS_AT_ONCE),
         axes=Axes(database),
         ingest=ingest,
         trend=trend,

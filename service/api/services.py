@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Annotated, cast
 
-from anyio import CapacityLimiter
 from fastapi import Depends, Request
 
 from service.jobs import JobRunner
@@ -42,7 +41,6 @@ class Services:
     waveforms: WaveformStore
     metrics: Metrics
     access: Access
-    logins: CapacityLimiter  # places of those whose password is looked at: no other request waits for them
     axes: Axes
     ingest: Ingest
     trend: Trend

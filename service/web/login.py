@@ -3,17 +3,16 @@
 from typing import Annotated
 from urllib.parse import urlsplit
 
-from anyio.to_thread import run_sync
 from fastapi import APIRouter, Form, Request, Response
 from fastapi.responses import RedirectResponse
 from pydantic import BaseModel, Field
 
 from service.api.access import COOKIE, address_of
-from service.api.services import Services, ServicesOf
+from service.api.services import ServicesOf
 from service.clock import now
 from service.errors import TooManyTriesError, UnauthenticatedError
 from service.operations.access.passwords import LONGEST_PASSWORD
-from service.web.site import Page, PageOf
+from service.web.site import PageOf
 
 router = APIRouter(include_in_schema=False)
 
@@ -33,12 +32,8 @@ def login_page(page: PageOf, next: str = "/") -> Response:  # noqa: A002 - what 
 
 
 @router.post("/login")
-async def log_in(request: Request, page: PageOf, form: Annotated[LoginForm, Form()], on: ServicesOf) -> Response:
-    """Log in, and go on to the page that was asked for; a few at a time, as each takes 16 MiB and its while."""
-    return await run_sync(_log_in, request, page, form, on, limiter=on.logins)
-
-
-def _log_in(request: Request, page: Page, form: LoginForm, on: Services) -> Response:
+def log_in(request: Request, page: PageOf, form: Annotated[LoginForm, Form()], on: ServicesOf) -> Response:
+    """Log in, and go on to the page that was asked for."""
     request.state.who = on.access.name_of(form.name)
     try:
         token, expires_at = on.access.log_in(form.name, form.password, address_of(request.scope))

@@ -14,7 +14,6 @@ import httpx
 import pytest
 from asyncua import Client, Server, ua
 
-from service.app import LOGINS_AT_ONCE
 from service.errors import ForbiddenError, StorageError
 from service.gateways import opcua_login
 from service.gateways.opcua_login import OneUser, Sessions
@@ -95,32 +94,6 @@ def test_of_sixty_guesses_at_once_five_are_looked_at(behind_proxy: Closed, monke
         statuses = list(threads.map(guess, range(60)))
     assert len(looked_at) == FREE_TRIES
     assert sorted(statuses) == [401] * FREE_TRIES + [429] * (60 - FREE_TRIES)
-
-
-def test_guesses_from_everywhere_at_once_keep_no_other_request_waiting(
-    behind_proxy: Closed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each would take a thread of those that answer, and 16 MiB."""
-    under_way, goes_on = threading.Semaphore(0), threading.Event()
-    looked_at = []
-
-    def is_password(password: str, _stored: str) -> bool:
-        looked_at.append(password)
-        under_way.release()
-        goes_on.wait(60.0)
-        return False
-
-    monkeypatch.setattr(access, "is_password", is_password)
-    headers = {"authorization": behind_proxy.key(Scope.TRENDS_READ)}
-    with ThreadPoolExecutor(60) as threads:
-        guesses = [threads.submit(log_in, behind_proxy, f"203.0.113.{n}", password=f"{n}") for n in range(60)]
-        for _ in range(LOGINS_AT_ONCE):
-            assert under_way.acquire(timeout=60.0)
-        assert behind_proxy.http.get("/v1/axes", headers=headers).status_code == 200  # of those threads there are 40
-        assert len(looked_at) == LOGINS_AT_ONCE
-        goes_on.set()
-    assert {guess.result().status_code for guess in guesses} == {401}
-    assert len(looked_at) == 60
 
 
 def test_an_own_success_does_not_clear_guesses_at_other_names(behind_proxy: Closed) -> None:
