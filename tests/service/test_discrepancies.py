@@ -178,7 +178,9 @@ def test_search_that_is_killed_is_begun_anew_and_then_fails_its_job_with_a_sente
         process.kill()
         process.join()
     failed = wait_for(shared_api, job_id, "failed", "done")
-    assert "ended twice, the second time by signal SIGKILL: most often the system does so for lack" in failed["error"]
+    # the signal is named in test_own_process: whoever lists children, as this test does, may take the exit code away
+    assert "the process of this work was ended twice, the second time " in failed["error"]
+    assert failed["error"].endswith(": most often the system does so for lack of memory")
 
 
 @pytest.mark.release

@@ -93,7 +93,9 @@ def test_of_sixty_guesses_at_once_five_are_looked_at(behind_proxy: Closed, monke
     with ThreadPoolExecutor(60) as threads:
         statuses = list(threads.map(guess, range(60)))
     assert len(looked_at) == FREE_TRIES
-    assert sorted(statuses) == [401] * FREE_TRIES + [429] * (60 - FREE_TRIES)
+    refused = [status for status in statuses if status != 401]
+    assert len(refused) == 60 - FREE_TRIES
+    assert set(refused) <= {429, 503}  # too many tries, or so many at once that there is no place to wait
 
 
 def test_an_own_success_does_not_clear_guesses_at_other_names(behind_proxy: Closed) -> None:

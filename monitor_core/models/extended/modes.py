@@ -40,8 +40,8 @@ Index = npt.NDArray[np.intp]
 
 #: Largest step of the damping, and the smallest before a pole is given up, as shares of the damping.
 _LARGEST_DEGREE, _SMALLEST_DEGREE = 0.5, 2.0**-14
-#: Steps until the whole damping is there; drives that oscillate take less than fifty.
-_MOST_STEPS = 200
+#: Steps until the whole damping is there; a drive whose poles pass near each other takes two hundred.
+_MOST_STEPS = 1000
 #: Largest move of a pole in one step, as a share of its distance to the next one, and of its own magnitude.
 _FOLLOWED, _LARGEST_MOVE = 0.1, 0.05
 

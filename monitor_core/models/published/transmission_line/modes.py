@@ -26,7 +26,7 @@ _BISECTIONS = 80
 #: Largest step of the damping, and the smallest before a pole is given up, as shares of the dampers.
 _LARGEST_DEGREE, _SMALLEST_DEGREE = 2.0**-3, 2.0**-20
 #: Steps until the whole damping is there; drives that oscillate take less than 150.
-_MOST_STEPS = 400
+_MOST_STEPS = 1000
 #: Largest move of a pole in a step, as a share of its distance to the nearest other; a pole that changes paths moves
 #: by all of it.
 _FOLLOWED = 0.1
