@@ -68,8 +68,9 @@ def preload_feature(
 
     Eq. (8) of Nguyen et al. (2018). What is left depends on the preload alone, and falls as it rises; it is not
     positive where the frequency is above what any preload gives. The position [m] is counted from the fixed bearing,
-    the coefficients come from :func:`monitor_core.preload.calibrate`. ``OutsideValidityError`` if a frequency is not
-    positive.
+    the coefficients come from :func:`monitor_core.preload.calibrate`. A measurement at another payload or temperature
+    is brought to the reference ones first (:func:`monitor_core.preload.estimate_preload`). ``OutsideValidityError`` if
+    a frequency is not positive.
 
     The paper writes :math:`P` for this feature and, in Eq. (1), for the preload itself; here the force is always
     ``preload``. It calls :math:`P^2` "proportional to the preload level"; by its own Eq. (8) :math:`P^2` grows with the

@@ -17,7 +17,7 @@ from service.settings import Settings
 from service.store import measurements, retention
 from service.store.axes import get_axis
 from service.store.database import Database, reading
-from service.store.existing import existing_of
+from service.store.lookup import existing_of
 from service.store.retention import StoredWindow, settled_with
 from service.store.tables import PinRow, PurgeRow
 from service.store.trend.points import Span

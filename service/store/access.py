@@ -6,7 +6,7 @@ from datetime import datetime
 from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
-from service.store.existing import existing
+from service.store.lookup import existing
 from service.store.tables import AuditRow, BrowserSessionRow, KeyRow, UserRow
 
 #: Whoever has this role may do everything; the first one of it closes the service to others.

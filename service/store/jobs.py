@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from service.clock import now
 from service.errors import StorageError, UnknownResourceError
-from service.store.existing import existing
+from service.store.lookup import existing
 from service.store.service_order import database_time
 from service.store.tables import JobRow
 

@@ -17,7 +17,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.errors import StorageError
-from service.store.existing import existing_of
+from service.store.lookup import existing_of
 from service.store.tables import RecordingRow
 from service.store.waveform_files import make_folder, sync_folder
 
