@@ -8,8 +8,8 @@ from sqlalchemy.orm import Session
 from monitor_core.preload import Calibration
 from monitor_core.recordings.calibration_file import calibration_from_document
 from service.errors import PreconditionError
-from service.store.lookup import existing_of
 from service.store.intake import AxisRecord
+from service.store.lookup import existing_of
 from service.store.tables import ActivationRow, AxisRow, CalibrationRow
 
 MOST_KNOWN = 1000

@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 
 from monitor_core.recording import RejectionReason
 from service.json_types import JsonObject
-from service.store.lookup import existing_of
 from service.store.intake import JUDGED, REFUSED
+from service.store.lookup import existing_of
 from service.store.retention import require_stored
 from service.store.tables import PLACE, AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, microseconds_of
 from service.store.trend.shown import points_at

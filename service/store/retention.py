@@ -11,8 +11,8 @@ from sqlalchemy.orm import Session
 from service.errors import LetGoError
 from service.json_types import JsonObject
 from service.store.alarms import WITHDRAWN
-from service.store.lookup import existing
 from service.store.intake import OPEN
+from service.store.lookup import existing
 from service.store.tables import (
     PLACE,
     AlarmRow,
