@@ -14,6 +14,8 @@ import httpx
 import pytest
 from asyncua import Client, Server, ua
 
+from service.api.http import readers
+from service.api.http.limits import LARGEST_LOGIN
 from service.errors import ForbiddenError, StorageError
 from service.gateways import opcua_login
 from service.gateways.opcua_login import OneUser, Sessions
@@ -96,6 +98,43 @@ def test_of_sixty_guesses_at_once_five_are_looked_at(behind_proxy: Closed, monke
     refused = [status for status in statuses if status != 401]
     assert len(refused) == 60 - FREE_TRIES
     assert set(refused) <= {429, 503}  # too many tries, or so many at once that there is no place to wait
+
+
+def test_guesses_from_everywhere_at_once_keep_no_other_request_waiting(
+    behind_proxy: Closed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each would take a thread of those that answer, and 16 MiB."""
+    under_way, goes_on = threading.Semaphore(0), threading.Event()
+    looked_at = []
+
+    def is_password(password: str, _stored: str) -> bool:
+        looked_at.append(password)
+        under_way.release()
+        goes_on.wait(60.0)
+        return False
+
+    monkeypatch.setattr(access, "is_password", is_password)
+    monkeypatch.setattr(readers, "PATIENCE_S", 60.0)
+    headers = {"authorization": behind_proxy.key(Scope.TRENDS_READ)}
+    with ThreadPoolExecutor(60) as threads:
+        guesses = [threads.submit(log_in, behind_proxy, f"203.0.113.{n}", password=f"{n}") for n in range(60)]
+        for _ in range(readers.AT_WORK):
+            assert under_way.acquire(timeout=60.0)
+        assert behind_proxy.http.get("/v1/axes", headers=headers).status_code == 200
+        assert len(looked_at) == readers.AT_WORK
+        goes_on.set()
+    assert {guess.result().status_code for guess in guesses} == {401}
+    assert len(looked_at) == 60
+
+
+def test_a_login_is_no_larger_than_its_form(behind_proxy: Closed) -> None:
+    longest = {
+        "name": "\N{BLACK SQUARE}" * 64,
+        "password": "\U0001f600" * passwords.LONGEST_PASSWORD,
+        "next": "/" * 400,
+    }
+    assert behind_proxy.http.post("/login", data=longest).status_code == 401
+    assert behind_proxy.http.post("/login", data=longest | {"next": "/" * LARGEST_LOGIN}).status_code == 413
 
 
 def test_an_own_success_does_not_clear_guesses_at_other_names(behind_proxy: Closed) -> None:

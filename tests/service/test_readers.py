@@ -14,13 +14,17 @@ GET, PUT, WINDOWS = ("GET", "/v1/axes"), ("PUT", "/v1/axes/a"), ("POST", "/v1/ax
 class Client:
     """A client, what it is answered, and whether the application was reached for it."""
 
-    def __init__(self, method: str, path: str, address: str = "10.0.0.1") -> None:
+    def __init__(self, method: str, path: str, address: str = "10.0.0.1", size: int = 2) -> None:
         self.scope: Scope = {"type": "http", "method": method, "path": path, "headers": [], "client": (address, 1)}
         self.leaves, self.sent, self.is_served = asyncio.Event(), list[Message](), False
-        self._body: list[Message] = [{"type": "http.request", "body": b"{}", "more_body": False}]
+        halves = [b"{" + b" " * (size - 2), b"}"]
+        self._body: list[Message] = [
+            {"type": "http.request", "body": half, "more_body": half is halves[0]} for half in reversed(halves)
+        ]
 
     async def receive(self) -> Message:
         if self._body:
+            await asyncio.sleep(0)
             return self._body.pop()
         await self.leaves.wait()
         return {"type": "http.disconnect"}
@@ -36,9 +40,9 @@ class Client:
 class Service:
     """An application that computes until it is let go on."""
 
-    def __init__(self) -> None:
+    def __init__(self, most_waiting: int = 1000) -> None:
         self.goes_on = asyncio.Event()
-        self.limits = RequestLimits(self._answer, largest_body=100, most_waiting=1000)
+        self.limits = RequestLimits(self._answer, largest_body=100, most_waiting=most_waiting)
         self._clients: dict[int, Client] = {}
         self.requests: list[asyncio.Task[None]] = []
 
@@ -69,6 +73,20 @@ def test_few_readers_are_at_work_and_windows_pass_by_those_that_wait(asked: tupl
         service.goes_on.set()
         await asyncio.gather(*service.requests)
         assert {client.status for client in waiting} == {200}
+
+    asyncio.run(story())
+
+
+def test_documents_that_wait_take_neither_place_nor_memory_of_windows() -> None:
+    async def story() -> None:
+        service, windows = Service(most_waiting=8), Client(*WINDOWS)
+        documents = [Client(*PUT, address=f"10.0.0.{n}", size=100) for n in range(12)]
+        await service.ask(*documents, login := Client("POST", "/login"), windows)
+        assert [client.status for client in documents] == [None] * 8 + [503] * 4
+        assert windows.status == 200
+        assert login.is_served
+        service.goes_on.set()
+        await asyncio.gather(*service.requests)
 
     asyncio.run(story())
 

@@ -1,7 +1,8 @@
 """Take requests in time and within bounds, and let no sender take every place.
 
 A body is read here, whole, before its request gets one of the places at work: who sends slowly keeps nobody waiting.
-Whatever is no windows is answered in the places of readers.
+Whatever is no windows is answered in places of readers. Windows, documents and logins hold no place and no memory of
+each other.
 A recording is larger than memory may be: its route takes it part by part, within the same time, in places of its own.
 
 Speak HTTP/1.1 with one client, and close connections whose request headers do not come to an end.
@@ -31,7 +32,9 @@ BODY_TIME_S = 20.0
 SLOWEST_BYTES_PER_S = 2**16
 #: A body that holds no windows becomes objects of many times its size. Ten thousand readings take half of this.
 LARGEST_DOCUMENT = 4 * 2**20
-#: All bodies together, arriving or at work, take no more memory than so many of the largest.
+#: The form of a login, which anybody may send: name, password and page, each character in twelve bytes.
+LARGEST_LOGIN = 2**14
+#: All bodies of a kind together, arriving or at work, take no more memory than so many of its largest.
 LARGEST_AT_ONCE = 4
 #: A sender may hold so many times the places that are free: at most three quarters, while nobody else holds any.
 SHARE = 3
@@ -44,6 +47,9 @@ MOST_STREAMED = 4
 ROOM_AROUND_FILES = 2**20
 
 _WITHOUT_BODY = ("GET", "HEAD", "OPTIONS")
+#: What anybody may ask for without a login has places apart, as has whoever watches over the service.
+LOGIN = "/login"
+_APART = (LOGIN, "/metrics")
 
 
 class RequestLimits:
@@ -60,15 +66,14 @@ class RequestLimits:
     ) -> None:
         self._app = app
         self._readers = ReaderPlaces(app)
+        self._apart = {path: ReaderPlaces(app) for path in _APART}
         self._largest_streamed = largest_recording + ROOM_AROUND_FILES
         self._streamed: Counter[str] = Counter()  # under way, by sender
-        self._largest_body = largest_body  # of windows
-        self._largest_document = min(LARGEST_DOCUMENT, largest_body)
+        self._windows = _Bodies(largest_body)
+        self._documents = _Bodies(min(LARGEST_DOCUMENT, largest_body))
+        self._logins = _Bodies(LARGEST_LOGIN)
         self._most_waiting = most_waiting
         self._body_time_s = body_time_s
-        self._at_work: Counter[str] = Counter()  # by sender
-        self._arriving: dict[_Body, asyncio.Timeout] = {}  # the one that began first comes first
-        self._bytes = 0  # of all bodies
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -79,35 +84,42 @@ class RequestLimits:
             detail = f"headers may take {MOST_HEADER_BYTES} bytes; got more"
             await problem(431, "headers-too-large", detail)(scope, receive, send)
             return
+        readers = self._apart.get(scope["path"], self._readers)
         if scope["method"] in _WITHOUT_BODY:
-            await self._readers.serve(scope, receive, send, receive)
-            return
-        if scope["method"] == "POST" and STREAMED.fullmatch(scope["path"]):
+            await readers.serve(scope, receive, send, receive)
+        elif scope["method"] == "POST" and STREAMED.fullmatch(scope["path"]):
             await self._stream(scope, receive, send)
-            return
-        of_windows = scope["path"].endswith("/windows")
-        largest = self._largest_body if of_windows else self._largest_document
-        body, sender = _Body(receive, largest), (scope.get("client") or ("",))[0]
+        elif scope["path"].endswith("/windows"):
+            await self._take(self._windows, None, scope, receive, send)
+        else:
+            bodies = self._logins if scope["path"] == LOGIN else self._documents
+            await self._take(bodies, readers, scope, receive, send)
+
+    async def _take(
+        self, bodies: "_Bodies", readers: ReaderPlaces | None, scope: Scope, receive: Receive, send: Send
+    ) -> None:
+        """Wait for the body of a request, and serve it, in a place of readers where they are given."""
+        body, sender = _Body(receive, bodies.largest), (scope.get("client") or ("",))[0]
         try:
-            refusal = await self._arrive(body, Headers(scope=scope)) or self._without_place(sender)
+            refusal = await self._arrive(bodies, body, Headers(scope=scope)) or self._without_place(bodies, sender)
             if refusal is not None:
                 await refusal(scope, receive, send)
                 return
-            self._at_work[sender] += 1
+            bodies.at_work[sender] += 1
             try:
-                if of_windows:
+                if readers is None:
                     await self._app(scope, body.handed_over, send)
                 else:
-                    await self._readers.serve(scope, body.handed_over, send, receive)
+                    await readers.serve(scope, body.handed_over, send, receive)
             finally:
-                self._at_work[sender] -= 1
+                bodies.at_work[sender] -= 1
         except ClientDisconnect:
             pass  # nobody is left to be told
         finally:
-            self._bytes -= body.size
-            self._at_work += Counter()  # forget who holds no place
+            bodies.n_bytes -= body.size
+            bodies.at_work += Counter()  # forget who holds no place
 
-    async def _arrive(self, body: "_Body", headers: Headers) -> Response | None:
+    async def _arrive(self, bodies: "_Bodies", body: "_Body", headers: Headers) -> Response | None:
         """Wait for a body, and return the refusal where it is too large or too slow."""
         if _declared(headers) > body.largest:
             return _too_large(body.largest)
@@ -115,15 +127,15 @@ class RequestLimits:
         began = loop.time()
         try:
             async with asyncio.timeout(self._body_time_s) as deadline:
-                self._arriving[body] = deadline
+                bodies.arriving[body] = deadline
                 while n_bytes := await body.more():
-                    self._bytes += n_bytes
+                    bodies.n_bytes += n_bytes
                     if body.size > body.largest:
                         return _too_large(body.largest)
                     if not body.complete:  # most come whole: a timer costs more than to look
                         deadline.reschedule(began + self._body_time_s + body.size / SLOWEST_BYTES_PER_S)
-                    if self._bytes > LARGEST_AT_ONCE * self._largest_body:
-                        next(iter(self._arriving.values())).reschedule(loop.time())
+                    if bodies.n_bytes > LARGEST_AT_ONCE * bodies.largest:
+                        next(iter(bodies.arriving.values())).reschedule(loop.time())
         except TimeoutError:
             return problem(
                 408,
@@ -133,7 +145,7 @@ class RequestLimits:
                 {"Connection": "close"},
             )
         finally:
-            self._arriving.pop(body, None)
+            bodies.arriving.pop(body, None)
         return None
 
     async def _stream(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -156,9 +168,9 @@ class RequestLimits:
             self._streamed[sender] -= 1
             self._streamed += Counter()
 
-    def _without_place(self, sender: str) -> Response | None:
-        taken = self._at_work.total()
-        if self._at_work[sender] < SHARE * (self._most_waiting - taken):
+    def _without_place(self, bodies: "_Bodies", sender: str) -> Response | None:
+        taken = bodies.at_work.total()
+        if bodies.at_work[sender] < SHARE * (self._most_waiting - taken):
             return None
         return problem(503, "busy", f"{taken} requests are waiting; come back later")
 
@@ -171,6 +183,16 @@ def _declared(headers: Headers) -> int:
 
 def _too_large(largest: int) -> Response:
     return problem(413, "body-too-large", f"a body may hold {largest} bytes here; got more. Send less at once")
+
+
+class _Bodies:
+    """The bodies of one kind."""
+
+    def __init__(self, largest: int) -> None:
+        self.largest = largest
+        self.at_work: Counter[str] = Counter()  # by sender
+        self.arriving: dict[_Body, asyncio.Timeout] = {}  # the one that began first comes first
+        self.n_bytes = 0
 
 
 class _Body:
