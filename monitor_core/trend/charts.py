@@ -287,14 +287,13 @@ class DetectorSettings:
     loss: LossDirection = LossDirection.FALL
 
     def __post_init__(self) -> None:
-        for name, least, most in (
-            ("false_alarms_per_year", LEAST_RATE, MOST_RATE),
-            ("false_alerts_per_year", LEAST_RATE, MOST_RATE),
-            ("measurements_per_year", LEAST_MEASUREMENTS, MOST_MEASUREMENTS),
-            ("baseline_size", LEAST_BASELINE, MOST_BASELINE),
-        ):
-            if not least <= getattr(self, name) <= most:
-                raise OutsideValidityError(f"{name} must be {least:g} to {most:g}; got {getattr(self, name)}")
+        for name in ("false_alarms_per_year", "false_alerts_per_year", "measurements_per_year"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise OutsideValidityError(f"{name} must be positive and finite; got {getattr(self, name)}")
+        if not LEAST_BASELINE <= self.baseline_size <= MOST_BASELINE:
+            raise OutsideValidityError(
+                f"baseline_size must be {LEAST_BASELINE} to {MOST_BASELINE}; got {self.baseline_size}"
+            )
 
     @property
     def sessions_per_year(self) -> float:
@@ -335,8 +334,10 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
     Alert: the EWMA beyond its limit on either side, because a rise of preload is no loss but tells that something has
     changed.
 
-    ``OutsideValidityError`` if the wanted number of false alarms is so large that no limit gives it.
+    ``OutsideValidityError`` if the settings lie outside the range that limits are sought for, or the wanted number of
+    false alarms is so large that no limit gives it.
     """
+    _require_sought(settings)
     n_sessions = settings.sessions_per_year
 
     def shewhart_alarms(limit: float) -> float:
@@ -361,6 +362,17 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
     if alerts(LOWEST_EWMA_LIMIT) <= settings.false_alerts_per_year:
         return design
     return replace(design, ewma_limit=_solve(alerts, settings.false_alerts_per_year))
+
+
+def _require_sought(settings: DetectorSettings) -> None:
+    # not a law of the settings: limits that an earlier program solved for others are gone on with
+    for name, least, most in (
+        ("false_alarms_per_year", LEAST_RATE, MOST_RATE),
+        ("false_alerts_per_year", LEAST_RATE, MOST_RATE),
+        ("measurements_per_year", LEAST_MEASUREMENTS, MOST_MEASUREMENTS),
+    ):
+        if not least <= getattr(settings, name) <= most:
+            raise OutsideValidityError(f"{name} must be {least:g} to {most:g}; got {getattr(settings, name)}")
 
 
 #: Limits that are tried, from the middle down and up [standard deviations]. At the smallest rate, one session in

@@ -78,6 +78,7 @@ Frequency = Annotated[Number, HERTZ]
 ScatterHz = Annotated[Number, SCATTER_HZ]
 JointLimit = Annotated[Number, Field(ge=1e-12, le=1e15)]  # from a damping ratio to a stiffness [SI]
 Mass = Annotated[Number, KILOGRAMS]
+MassUncertainty = Annotated[Number, Field(ge=1e-6, le=1e6)]  # a scale for tables tells no milligram
 Place = Annotated[Number, MILLIMETRES]
 #: What is said of a window, however it is sent.
 SampleRate = Frequency

@@ -89,6 +89,12 @@ def changed(folder: Path, *statements: str) -> None:
 #: Charts that were stored by a version before this one.
 OUTDATED = "UPDATE axes SET monitor_state = json_set(monitor_state, '$.version', 4)"
 
+#: What commit 924dedb took for an axis, and solved limits for.
+OF_FEW_SESSIONS = """UPDATE axes SET configuration = json_set(configuration, '$.moving_mass_kg', 20.0,
+'$.moving_mass_standard_uncertainty_kg', 0.0005, '$.measurements_per_year', 0.5, '$.false_alarms_per_year', 0.01,
+'$.baseline_days', 0.0005, '$.search_band_hz[1]', 2e6), detector_design = json_set(detector_design,
+'$.settings.measurements_per_year', 0.5, '$.settings.false_alarms_per_year', 0.01)"""
+
 SEEN_LATER = """UPDATE alarms SET status = 'acknowledged', measured_at = '2026-04-05 06:00:00.000000',
 epoch = (SELECT epoch FROM axes WHERE id = 'repaired') WHERE id = 2"""
 
@@ -100,6 +106,48 @@ def test_charts_of_an_older_version_are_folded_again(newest: Path) -> None:
     with running_service(newest / "var") as api:
         assert said(api, answers) == []
     assert notices(newest) == told
+
+
+def test_numbers_that_an_older_program_took_are_taken_at_the_bounds_of_this_one(newest: Path) -> None:
+    answers = json.loads((newest / "answers.json").read_text())
+    changed(newest, OF_FEW_SESSIONS)
+    with running_service(newest / "var") as api:
+        assert said(api, {path: answer for path, answer in answers.items() if "?" in path}) == []  # trends and alarms
+        configuration = api.axis("worn")["configuration"]
+        assert configuration["moving_mass_standard_uncertainty_kg"] == 0.0005
+        assert (configuration["measurements_per_year"], configuration["baseline_days"]) == (1.0, 0.001)
+        assert configuration["search_band_hz"] == [140.0, 1e6]
+        late = simulated_measurement(
+            np.random.default_rng(1), "late", started_at=datetime(2026, 4, 7, 6, tzinfo=UTC), n_windows=2
+        )
+        assert api.accept("repaired", late)["measurements"][0]["charted"]
+        sent = {"name": "worn", "configuration": configuration | {"measurements_per_year": 0.5}}
+        assert api.http.put("/v1/axes/worn", json=sent).status_code == 422
+    changed(newest, OUTDATED, OF_FEW_SESSIONS)
+    with running_service(newest / "var") as api:
+        assert api.axis("worn")["state"] == "alarm"
+
+
+def test_charts_of_an_axis_whose_configuration_cannot_be_read_are_left_as_they_are(newest: Path) -> None:
+    changed(
+        newest,
+        OUTDATED,
+        "UPDATE axes SET configuration = json_set(configuration, '$.windows_per_measurement', 0)",
+        "INSERT INTO chart_checkpoints SELECT axis_number, epoch, '2026-03-30 06:00:00.000000', '{}' FROM chart_epochs",
+    )
+    charts = [charts_of(newest)]
+    with running_service(newest / "var") as api:
+        charts.append(charts_of(newest))
+        assert "cannot be read" in api.http.get("/v1/axes/worn").text
+    assert charts[0] == charts[1]
+
+
+def charts_of(folder: Path) -> list[list[Any]]:
+    with closing(sqlite3.connect(folder / "var" / "preload.db")) as connection:
+        return [
+            connection.execute(f"SELECT * FROM {table}").fetchall()  # noqa: S608 - a name of ours
+            for table in ("chart_checkpoints", "chart_epochs", "axes")
+        ]
 
 
 def test_only_a_person_ends_an_alarm_that_the_charts_of_this_version_do_not_raise(newest: Path) -> None:

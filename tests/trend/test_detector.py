@@ -407,7 +407,7 @@ def test_a_state_is_never_changed(watching):
 )
 def test_settings_that_cannot_be_met_are_refused(wrong):
     with pytest.raises(OutsideValidityError, match="must be"):
-        DetectorSettings(**wrong)
+        design(**wrong)
 
 
 @pytest.mark.parametrize("sessions", [1.0, 365.0])

@@ -2,11 +2,20 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
+from copy import deepcopy
 from datetime import timedelta
-from functools import lru_cache
-from typing import Annotated, Literal, Self
+from functools import lru_cache, reduce
+from operator import getitem
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, TypeAdapter, model_validator
+from pydantic import (
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 from sqlalchemy.orm import Session
 
 from monitor_core.modal import ModeGate
@@ -35,6 +44,7 @@ from service.operations.fields import (
     Frequency,
     Label,
     Mass,
+    MassUncertainty,
     Moment,
     Number,
     RequestModel,
@@ -64,7 +74,9 @@ class AxisConfiguration(RequestModel):
     )
     position_span_limit_mm: Annotated[Number, LENGTH_MM] = 20.0
     moving_mass_kg: Mass | None = Field(default=None, description="table, nut and what moves with them")
-    moving_mass_standard_uncertainty_kg: Mass | None = Field(default=None, description="goes with moving_mass_kg")
+    moving_mass_standard_uncertainty_kg: MassUncertainty | None = Field(
+        default=None, description="goes with moving_mass_kg"
+    )
     measurements_per_year: Number = Field(default=365.0, ge=LEAST_MEASUREMENTS, le=MOST_MEASUREMENTS)
     false_alarms_per_year: Number = Field(default=1.0, ge=LEAST_RATE, le=MOST_RATE)
     baseline_size: int = Field(
@@ -106,9 +118,29 @@ class AxisConfiguration(RequestModel):
         return self
 
 
+_BOUNDS = {"greater_than_equal": "ge", "less_than_equal": "le"}
+
+
+def _within_bounds(document: Any, judge: ValidatorFunctionWrapHandler) -> AxisConfiguration:  # noqa: ANN401 - JSON
+    """Take each quantity at the nearest of its bounds: older programs took any that was positive."""
+    configuration: AxisConfiguration
+    try:
+        configuration = judge(document)
+    except ValidationError as error:
+        bounded = deepcopy(document)
+        for refusal in error.errors(include_url=False):
+            value = refusal["input"]
+            if refusal["type"] not in _BOUNDS or not isinstance(value, float) or value <= 0.0:
+                raise
+            *path, member = refusal["loc"]
+            reduce(getitem, path, bounded)[member] = refusal["ctx"][_BOUNDS[refusal["type"]]]
+        configuration = judge(bounded)
+    return configuration
+
+
 _STORED = StoredRecord(
     "configuration",
-    TypeAdapter(AxisConfiguration),
+    TypeAdapter(Annotated[AxisConfiguration, WrapValidator(_within_bounds)]),
     version=1,
     remedy="send it again with PUT /v1/axes, or restore the backup",
     added=frozenset(

@@ -51,10 +51,10 @@ def renew_charts(database: Database) -> None:
         outdated |= without_epochs(session.connection())
     for axis_id in sorted(outdated):
         with (
+            suppress(DocumentDamagedError),  # outside the transaction, which is undone then
             database.connect() as connection,
             database.at_axes(connection, [axis_id], wait=True),
             writing(connection),
-            suppress(DocumentDamagedError),
         ):
             _renew(connection, axis_id)
 
