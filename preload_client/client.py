@@ -39,8 +39,8 @@ _BROKEN = (502, 504)
 class Client:
     """One service at an address; the key, if it is closed, is sent with each request.
 
-    A request ends after ``timeout_s`` in all, one with a file after an hour. ``ca_file`` says whom TLS believes: the
-    authorities of the system if it is not given.
+    A request ends after ``timeout_s`` in all, one with a file after an hour, and a second later for each 64 KiB that it
+    sends. ``ca_file`` says whom TLS believes: the authorities of the system if it is not given.
     """
 
     def __init__(

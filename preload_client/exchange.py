@@ -6,7 +6,8 @@ at the exchange that runs, so that whatever speaks through them (HTTP, SMTP) is 
     with exchange(total_s=20.0, most_bytes=2**16):
         ...
 
-Names are looked up by the system, within the time that ``resolv.conf`` states.
+What is sent lengthens it, as the service lets a longer body take longer: a slow line that goes on is no fault. Names
+are looked up by the system, within the time that ``resolv.conf`` states.
 """
 
 import errno
@@ -30,6 +31,12 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer, WriteableBuffer
 
 
+#: An exchange may take a second more for each so many bytes that were sent, the slowest that the service takes a body.
+SLOWEST_BYTES_PER_S = 2**16
+#: What is handed over to the system at once, so that a slow line is seen to go on.
+_SENT_AT_ONCE = 2**16
+
+
 class AnswerTooLongError(OSError):
     """A server sends more than it was to."""
 
@@ -45,8 +52,14 @@ class _Exchange:
         """Return how much time is left [s]. Raises TimeoutError if none is."""
         left = self.due - time.monotonic()
         if left <= 0.0:
-            raise TimeoutError(f"the exchange did not end within {self.total_s:g} s")
+            raise TimeoutError(f"the exchange did not end within {round(self.total_s, 1):g} s")
         return left
+
+    def lengthen(self, n_sent: int) -> None:
+        """Give it the time that bytes take that were sent."""
+        more_s = n_sent / SLOWEST_BYTES_PER_S
+        self.total_s += more_s
+        self.due += more_s
 
     def take(self, n_bytes: int) -> None:
         """Count what was received. Raises AnswerTooLongError."""
@@ -60,7 +73,7 @@ _RUNNING: ContextVar[_Exchange] = ContextVar("_RUNNING")
 
 @contextmanager
 def exchange(total_s: float, most_bytes: int) -> Iterator[None]:
-    """Bound all that the sockets of this module do in this thread, together."""
+    """Bound all that the sockets of this module do in this thread, together; what they send comes on top."""
     token = _RUNNING.set(_Exchange(total_s, most_bytes, time.monotonic() + total_s))
     try:
         yield
@@ -107,13 +120,17 @@ class BoundedSocket(socket.socket):
 
     def send(self, data: "ReadableBuffer", flags: int = 0, /) -> int:
         """Send what the other side takes at once."""
-        with _within(self):
-            return super().send(data, flags)
+        with _within(self) as running:
+            n_sent = super().send(memoryview(data)[:_SENT_AT_ONCE], flags)
+            if running is not None:
+                running.lengthen(n_sent)
+        return n_sent
 
     def sendall(self, data: "ReadableBuffer", flags: int = 0, /) -> None:
-        """Send all of it, within one time."""
-        with _within(self):
-            super().sendall(data, flags)
+        """Send all of it, part by part."""
+        rest = memoryview(data).cast("B")
+        while rest:
+            rest = rest[self.send(rest, flags) :]
 
 
 class _BoundedTlsSocket(BoundedSocket, ssl.SSLSocket):

@@ -36,7 +36,7 @@ from service.api.services import Services
 from service.api.windows import WindowIn, WindowsIn
 from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError
-from service.jobs import JobRunner
+from service.jobs import Background, JobRunner, close_all
 from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.access.access import Access
@@ -77,10 +77,11 @@ from service.web.pages import PAGES
 from service.web.site import STATIC, Site
 
 if TYPE_CHECKING:
-    from service.jobs import Repeatedly
     from service.operations.notices.mqtt_states import StatePublisher
     from service.operations.notices.senders import Sender
 
+#: A stop waits so long for all that goes on in the background, receivers that do not answer among it.
+BACKGROUND_ENDS_WITHIN_S = 2.0
 _COMPONENT = "#/components/schemas/{model}"
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -97,7 +98,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.services = services
         services.purges.start()
         services.jobs.resume()
-        in_background: tuple[Repeatedly | Dispatcher | StatePublisher, ...] = (
+        in_background: tuple[Background, ...] = (
             watch_of_shelves(services.database),
             services.access.refusals.writer(),
             services.dispatcher,
@@ -108,9 +109,8 @@ def create_app(settings: Settings) -> FastAPI:
         try:
             yield
         finally:
-            for each in reversed(in_background):
-                each.close()
-            services.purges.close()
+            services.jobs.stopping.set()  # their work ends meanwhile
+            close_all((services.purges, *reversed(in_background)), BACKGROUND_ENDS_WITHIN_S)
             services.recordings.close()
             services.jobs.close()
             services.ingest.close()

@@ -8,11 +8,11 @@ import logging
 import threading
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from sqlalchemy.orm import Session
 
@@ -346,3 +346,25 @@ class Repeatedly:
                 tell_failure(log, f"{self._waits} waits", error)
             if not n_done:
                 self._stopping.wait(self._every_s)
+
+
+class Background(Protocol):
+    """What goes on in threads of its own until it is closed."""
+
+    def start(self) -> None:
+        """Begin."""
+
+    def stop(self) -> None:
+        """Begin nothing more."""
+
+    def close(self, within_s: float) -> None:
+        """Stop; what is under way is left after so long."""
+
+
+def close_all(running: Sequence[Background], within_s: float) -> None:
+    """Stop all, each before another is waited for, and wait for them together."""
+    due = time.monotonic() + within_s
+    for each in running:
+        each.stop()
+    for each in running:
+        each.close(max(0.0, due - time.monotonic()))

@@ -31,7 +31,8 @@ RECEIVE_MAXIMUM = 16
 MOST_BYTES = 2**28 - 1
 #: So long a broker that keeps sessions keeps what comes while the gateway is away [s].
 SESSION_EXPIRY_S = 7 * 24 * 3600
-#: The service has so long to store a message; a connection that is silent for longer than that is lost.
+#: The service has so long to store a message, beside the time that sending it takes; a connection to the broker that is
+#: silent for longer than that is lost.
 TIMEOUT_S, KEEPALIVE_S = 60.0, 120
 #: And may answer with so much: some hundred bytes for each window of a message.
 MOST_OF_ANSWER = 2**24

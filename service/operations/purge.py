@@ -228,9 +228,13 @@ class Purges:
         if self._purge.rule.keep_raw_days is not None:
             self._looking.start()
 
-    def close(self) -> None:
-        """Stop beginning daily purges."""
-        self._looking.close()
+    def stop(self) -> None:
+        """Begin no more daily purges."""
+        self._looking.stop()
+
+    def close(self, within_s: float) -> None:
+        """Stop beginning daily purges; one that is about to begin is left after so long."""
+        self._looking.close(within_s)
 
     def begin(self, who: str) -> JobRow:
         """Begin a purge, or return the one that is not done yet; raises ConflictError if there is no rule."""

@@ -356,7 +356,7 @@ def test_kills_of_the_broker_lose_and_double_no_notice(
     thread.join()
     wait_until(lambda: dispatcher.standings()[0].n_waiting == 0, what="the last notice")
     wait_until(lambda: json.loads(listener.heard[-1].payload)["data"]["number"] == told[-1], what="its arrival")
-    dispatcher.close()
+    dispatcher.close(5.0)
     listener.close()
     heard = [json.loads(message.payload) for message in listener.heard]
     by_id = {event["id"]: event["data"]["number"] for event in heard}

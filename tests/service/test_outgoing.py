@@ -4,7 +4,9 @@ import asyncio
 import re
 import socket
 import ssl
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,8 @@ import pytest
 from paho.mqtt.client import MQTTMessage
 
 import preload_client
-from preload_client import Client, UnreachableError
+from preload_client import Client, UnreachableError, exchange as exchanging
+from service.api.http import limits
 from service.cli.remote import client as remote
 from service.clock import now
 from service.errors import DataFolderError
@@ -316,6 +319,27 @@ def test_the_gateways_wait_and_read_within_bounds(monkeypatch: pytest.MonkeyPatc
             post(port)
         with pytest.raises(opcua_reading.ServiceAwayError, match="longer than 65536 bytes"):
             asyncio.run(read(port))
+
+
+def test_a_body_on_a_slow_line_has_the_time_that_the_service_gives_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Total times are longer than the service waits for a body without progress, and grow with what is sent."""
+    assert exchanging.SLOWEST_BYTES_PER_S == limits.SLOWEST_BYTES_PER_S
+    assert mqtt_windows.TIMEOUT_S > limits.BODY_TIME_S
+    body, pause = {"samples": 2**21 * "x"}, threading.Event()
+
+    def talk(to: socket.socket) -> None:
+        pause.wait(0.6)  # longer than the client waits for anything but this
+        n_bytes = 0
+        with suppress(OSError):
+            while n_bytes < 2**21 and (part := to.recv(2**18)):
+                n_bytes += len(part)
+            to.sendall(b"HTTP/1.1 200 OK\r\ncontent-length: 2\r\n\r\n{}")
+
+    with talking(talk) as port, Client(f"http://127.0.0.1:{port}", timeout_s=0.2, retries=0) as client:
+        assert client.request("POST", "/v1/axes/axis/windows", json=body) == {}
+        monkeypatch.setattr(exchanging, "SLOWEST_BYTES_PER_S", 2**25)  # the same pause is a line that stands still
+        with pytest.raises(UnreachableError, match=r"did not end within 0\.[23] s"):
+            client.request("POST", "/v1/axes/axis/windows", json=body)
 
 
 @pytest.mark.release

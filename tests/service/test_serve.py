@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from datetime import timedelta
 from pathlib import Path
 
@@ -19,8 +19,11 @@ import pytest
 
 from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import write_session
+from service.cli.remote.server import ENDS_WITHIN_S, GRACE_S
+from service.store import notices
 from service.store.database import Database
 from tests.service.conftest import START, ServerProcess, free_port, simulated_measurement
+from tests.service.test_access import served
 
 
 def run_serve(*words: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -99,3 +102,21 @@ def test_starts_beside_unknown_variables_and_stops_soon_while_a_job_runs(
     assert "Traceback" not in log
     assert len(re.findall(rf"^dashboard: {server.url}/ +API: {server.url}/docs$", log, re.MULTILINE)) == 1
     assert '"message": "PUT /v1/axes/{axis} 201"' in log
+
+
+def test_receivers_that_do_not_answer_delay_a_stop_together_and_not_until_the_process_is_killed(tmp_path: Path) -> None:
+    with ExitStack() as silent:
+        listening = silent.enter_context(socket.create_server(("127.0.0.1", 0)))
+        listening.settimeout(20.0)
+        port = listening.getsockname()[1]
+        brokers = [f"[[mqtt]]\nname = 'b{i}'\nhost = '127.0.0.1'\nport = {port}\n" for i in range(2)]
+        receivers = tmp_path / "receivers.toml"
+        desk = f"[[webhook]]\nname = 'desk'\nurl = 'http://127.0.0.1:{port}/'\n"
+        receivers.write_text("".join(brokers) + desk, encoding="utf-8")
+        with served(tmp_path / "var", receivers_file=receivers) as (app, _):
+            with app.state.services.database.write() as session:
+                notices.add_notice(session, START, "org.test.raised", "axes/a", {"axis": "a"})
+            for _ in range(5):  # each broker is told of states and of notices
+                silent.enter_context(listening.accept()[0])
+            stopped = time.monotonic()
+        assert time.monotonic() - stopped < ENDS_WITHIN_S - GRACE_S

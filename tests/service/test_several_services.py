@@ -322,7 +322,7 @@ def test_a_notice_is_told_by_one_service(databases: list[Database], monkeypatch:
             notices.add_notice(session, now(), "test", "axes/axis", {"number": number})
     wait_for(lambda: len(receiver.told) >= 30)
     for dispatcher in dispatchers:
-        dispatcher.close()
+        dispatcher.close(5.0)
     with databases[0].read() as session:
         assert receiver.told == list(session.scalars(select(NoticeRow.id).order_by(NoticeRow.id)))
 

@@ -50,7 +50,8 @@ def embedded_service(settings: Settings) -> Iterator[str]:
             server.should_exit = True
 
 
-#: Requests under way at a stop may take so long; what they did not get acknowledged they send again.
+#: Requests under way at a stop may take so long, then the background its own time; what they did not get acknowledged
+#: they send again.
 GRACE_S = 5
 #: So long after it was told to stop the process ends, whatever runs in it: it is written to be killed at any moment.
 ENDS_WITHIN_S = 9

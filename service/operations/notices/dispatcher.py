@@ -12,7 +12,7 @@ from functools import partial
 
 from service.clock import now
 from service.errors import BusyError, StorageError
-from service.jobs import Repeatedly
+from service.jobs import Repeatedly, close_all
 from service.observability import Metrics
 from service.operations.notices.senders import NotTakenError, Sender
 from service.store import notices
@@ -30,8 +30,6 @@ GIVEN_UP_AFTER = timedelta(days=3)
 _TRIES_OF_REFUSED = 3
 #: Longer than receivers take to answer; who takes longer may be told once more, under the same id.
 LEASE = timedelta(seconds=60)
-#: A stop waits so long for an answer; whoever gave it later is told once more, under the same id.
-_PATIENCE_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +74,14 @@ class Dispatcher:
         for telling in self._telling:
             telling.start()
 
-    def close(self) -> None:
-        """Stop sending; what was not taken is sent after the next start."""
+    def stop(self) -> None:
+        """Begin to send nothing more."""
         for telling in self._telling:
-            telling.stop()  # all of them, before a slow one is waited for
-        for telling in self._telling:
-            telling.close(_PATIENCE_S)
+            telling.stop()
+
+    def close(self, within_s: float) -> None:
+        """Stop sending; what was not taken so soon is sent after the next start, or once more under the same id."""
+        close_all(self._telling, within_s)
         try:
             with self._database.write() as session:
                 for sender in self._senders:

@@ -73,10 +73,14 @@ class StatePublisher:
         """Start publishing."""
         self._thread.start()
 
-    def close(self) -> None:
-        """Publish that the service is offline, and stop."""
+    def stop(self) -> None:
+        """Publish that the service is offline, and nothing more."""
         self._stopping.set()
-        self._thread.join(5.0)
+
+    def close(self, within_s: float) -> None:
+        """Stop; a broker that does not answer is left after so long."""
+        self.stop()
+        self._thread.join(within_s)
 
     def _serve(self) -> None:
         pause_s = FIRST_PAUSE_S
