@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import Any, cast
@@ -262,10 +262,7 @@ def _create_engine(url: str) -> Engine:
         return _server_engine(url)
     database = make_url(url).database
     if database:
-        path = Path(database)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        for file in path.parent.glob(f"{path.name}*"):  # with its log, which takes the rights of the database
-            close_to_others(file)
+        _prepare_file(Path(database))
     engine = create_engine(
         url,
         pool_size=CONNECTIONS,
@@ -283,6 +280,17 @@ def _create_engine(url: str) -> Engine:
         cursor.close()
 
     return engine
+
+
+def _prepare_file(path: Path) -> None:
+    """Make the folder of a database, and close what there is of it to others: copies beside it are a person's own."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for ending in ("", "-wal", "-shm"):  # the log took the rights of the database
+            with suppress(FileNotFoundError):  # the last process to leave it removes the log
+                close_to_others(path.with_name(path.name + ending))
+    except OSError as error:
+        raise StorageError(f"the database {path} cannot be made its owner's alone: {error.strerror}") from error
 
 
 def _server_engine(url: str) -> Engine:

@@ -30,6 +30,7 @@ from service.gateways.opcua_server import OpcuaSettings
 from service.observability import FleetGauges, Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
+from service.store import schema
 from tests.conftest import PROJECT_ROOT, canary
 
 DOCS = PROJECT_ROOT / "docs"
@@ -220,6 +221,12 @@ def test_every_problem_and_every_route_is_listed():
     for path, methods in create_app(Settings()).openapi()["paths"].items():
         for method in methods:
             assert f"{method.upper()} {path}" in listed
+
+
+def test_the_schema_that_folders_are_opened_from_and_the_one_they_get_are_told():
+    page = text_of("how-to/data.md")
+    assert f"The schema is of version {schema.VERSION}:" in page
+    assert f"Folders of {schema.BASELINE}," in page
 
 
 def test_every_public_name_of_the_library_is_in_its_reference():

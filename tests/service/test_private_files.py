@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from service.errors import StorageError
 from service.operations.access.people import People
 from service.store.database import Database
 from service.store.safekeeping.backup import back_up, restore
@@ -62,6 +63,22 @@ def test_a_folder_of_an_older_program_is_closed_when_it_is_opened(tmp_path: Path
     Database(f"sqlite:///{folder}/preload.db").close()
     assert open_to_others(folder) == []
     database.close()
+
+
+def test_a_copy_beside_the_database_keeps_its_rights_and_a_log_may_be_gone(tmp_path: Path) -> None:
+    path, log, copy = (tmp_path / name for name in ("preload.db", "preload.db-wal", "preload.db.copy"))
+    for file in (path, copy):
+        file.touch()
+        file.chmod(0o644)
+    log.symlink_to("gone")  # is listed, and is no file: as one that is removed meanwhile
+    Database(f"sqlite:///{path}").close()
+    assert [file.stat().st_mode & 0o777 for file in (path, copy)] == [0o600, 0o644]
+
+
+def test_a_database_whose_rights_cannot_be_read_is_refused_with_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "preload.db").symlink_to("preload.db")
+    with pytest.raises(StorageError, match="cannot be made its owner's alone: Too many levels"):
+        Database(f"sqlite:///{tmp_path}/preload.db")
 
 
 @pytest.mark.parametrize("name", ["raw", "recordings", "reports"])
