@@ -143,7 +143,8 @@ def estimate_preload(
     budget = uncertainty_budget(
         frequency, feature, conditions, calibration, months=months, amplification=corrected.amplification
     )
-    systematic = float(budget.gradient @ calibration.parameters.covariance @ budget.gradient)
+    # nearly dependent coefficients leave a variance a little below zero, by rounding
+    systematic = max(0.0, float(budget.gradient @ calibration.parameters.covariance @ budget.gradient))
     preload = preload_from_feature(feature, calibration.coefficients)
     stated_feature = Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom)
     return PreloadEstimate(

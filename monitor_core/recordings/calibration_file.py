@@ -24,6 +24,7 @@ from monitor_core.preload.calibration import (
     Weighting,
     minimum_detectable_loss,
 )
+from monitor_core.preload.verification import verify_calibration
 from monitor_core.preload.witnesses import TERMS, Witness, WitnessName
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.elements.fields import Fields, json_list, json_numbers, json_object, json_table
@@ -47,8 +48,9 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
     """Lay out a calibration as a document of finite numbers, texts, lists and ``None``.
 
     It is ready for :func:`json.dumps`, and :func:`calibration_from_document` reads it back. ``OutsideValidityError`` if
-    Eq. (8) gives no frequency within the calibrated range, so that no loss can be stated.
+    it does not answer within its calibrated ranges (:mod:`monitor_core.preload.verification`).
     """
+    verify_calibration(calibration)
     values = dict(zip(calibration.parameter_names, calibration.parameters.values.tolist(), strict=True))
     mass, phase = calibration.moving_mass, calibration.phase_reference
     position, temperature = calibration.position, calibration.temperature
@@ -123,12 +125,14 @@ def calibration_from_document(document: object, where: str = "calibration") -> C
     """Read what :func:`calibration_document` wrote, from a parsed JSON document that messages call ``where``.
 
     The calibration is the one written, up to the rounding of millimetres; ``RecordingFormatError`` if anything does not
-    fit, in one sentence.
+    fit, or all of it does not answer, in one sentence.
     """
     top = json_object(document, where)
     top.require_format(FORMAT, VERSION)
     with naming(where):
-        return _calibration(top)
+        calibration = _calibration(top)
+        verify_calibration(calibration)
+    return calibration
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
@@ -185,7 +189,7 @@ def _calibration(top: Fields) -> Calibration:
         reference_temperature=top.optional_number("reference_temperature_c", "°C"),
         excitation_source=top.optional_choice("excitation_source", ExcitationSource),
         excitation_quantity=top.optional_choice("excitation_quantity", ExcitationQuantity),
-        maximum_modes=int(top.positive("maximum_modes", "-")),
+        maximum_modes=top.count("maximum_modes"),
         phase_reference=_phase_reference(top),
         moving_mass_dof=top.optional_number("moving_mass_degrees_of_freedom", "-") or math.inf,
         uncertainty_stated=top.values["uncertainty_stated"] is True if "uncertainty_stated" in top else True,
@@ -241,11 +245,17 @@ def _covariance(fields: Fields, n: int) -> FloatArray:
     if len(rows) != n:
         raise RecordingFormatError(f"{place}: expected {n} rows as in covariance_order; got {len(rows)}")
     matrix = np.array([json_numbers(row, n, place) for row in rows])
-    scale = np.sqrt(np.abs(np.diag(matrix)))
-    normal = matrix / np.where(scale > 0.0, scale, 1.0) / np.where(scale > 0.0, scale, 1.0)[:, np.newaxis]
+    # what is fixed has no variance, and so no covariance either: over the smallest scale any would be too large
+    scale = np.maximum(np.sqrt(np.abs(np.diag(matrix))), np.finfo(np.float64).tiny)
+    with np.errstate(over="ignore"):
+        correlation = np.clip(matrix / scale / scale[:, np.newaxis], -1e9, 1e9)
+    asymmetry, least = float(np.ptp([correlation, correlation.T], axis=0).max()), np.linalg.eigvalsh(correlation)[0]
     # rounding of a nearly dependent fit leaves eigenvalues a little below zero
-    if not np.allclose(normal, normal.T, atol=1e-9) or np.linalg.eigvalsh(normal)[0] < -1e-9:
-        raise RecordingFormatError(f"{place}: expected a symmetric matrix without negative variances")
+    if asymmetry > 1e-5 or least < -1e-9:
+        raise RecordingFormatError(
+            f"{place}: expected a symmetric matrix without negative variances; got correlations that differ by "
+            f"{asymmetry:.2g} across the diagonal, with {least:.2g} as the smallest eigenvalue"
+        )
     return matrix
 
 

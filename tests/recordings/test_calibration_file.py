@@ -14,12 +14,16 @@ from monitor_core.modal import PhaseReference
 from monitor_core.preload import (
     Calibration,
     ModalReading,
+    PreloadEstimate,
     PreloadFeatureCoefficients,
     axial_frequency,
     calibrate,
+    estimate_preload,
+    expected_frequency,
     minimum_detectable_loss,
 )
-from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
+from monitor_core.preload.witnesses import WitnessName
+from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Rejection
 from monitor_core.recordings.calibration_file import (
     calibration_document,
     calibration_from_document,
@@ -28,6 +32,7 @@ from monitor_core.recordings.calibration_file import (
 )
 from monitor_core.uncertainty import Estimate
 from tests.preload.test_witnesses import calibrated as with_witnesses
+from tests.service.sweep import FEW, numbers_in
 
 K = PreloadFeatureCoefficients(-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8)
 
@@ -56,6 +61,9 @@ def calibrated(positions: tuple[float, ...], *, moving_mass: Estimate | None, te
 
 PLAIN = calibrated((0.25, 0.5, 0.75), moving_mass=None, temperature=False)
 FULL = calibrated((0.25, 0.4, 0.5, 0.6, 0.75), moving_mass=Estimate(23.9, 0.5), temperature=True)
+_FITTED = with_witnesses(np.random.default_rng(31))
+_TWO = (WitnessName.RESIDUE, WitnessName.FRICTION_TORQUE)
+WITNESSED = replace(_FITTED, witnesses=tuple(each for each in _FITTED.witnesses if each.name in _TWO))
 
 
 @pytest.mark.parametrize("calibration", [PLAIN, FULL], ids=["plain", "full"])
@@ -179,3 +187,40 @@ def test_a_declared_parameter_stays_declared() -> None:
     assert back.declared == ("inverse_moving_mass",)
     fitted = replace(FULL, declared=(), moving_mass_dof=4.0)
     assert fitted.parameter("inverse_moving_mass") != back.parameter("inverse_moving_mass")
+
+
+def test_whatever_number_is_written_it_is_refused_or_answers(subtests: pytest.Subtests) -> None:
+    """Each number alone, and an answer where the law does not look: in the middle, with witnesses off by a tenth."""
+    for pointer, place in numbers_in(document := json.loads(json.dumps(calibration_document(WITNESSED)))):
+        with subtests.test(".".join(map(str, pointer))):
+            stated = place[pointer[-1]]
+            for value in (0.0, *FEW):
+                place[pointer[-1]] = value
+                try:
+                    back = calibration_from_document(document)
+                except RecordingFormatError:
+                    continue
+                middle = Conditions(0.5 * (back.position.lower + back.position.upper), preload=back.preload.upper)
+                frequency = Estimate(expected_frequency(back, middle), 0.1)
+                setting = back.setting(middle, back.preload.upper)
+                off = {witness.name: 1.1 * witness.expected(setting) for witness in back.witnesses}
+                assert isinstance(estimate_preload(frequency, middle, back, witnesses=off), PreloadEstimate | Rejection)
+            place[pointer[-1]] = stated
+
+
+def test_what_is_fixed_has_no_covariance() -> None:
+    document = json.loads(json.dumps(calibration_document(PLAIN)))
+    fixed = document["covariance"]
+    for i in range(4):
+        fixed[0][i] = fixed[i][0] = 0.0
+    assert calibration_from_document(document).parameters.standard_uncertainties[0] == 0.0
+    fixed[0][1] = fixed[1][0] = 1e-15
+    with pytest.raises(RecordingFormatError, match="without negative variances; got correlations"):
+        calibration_from_document(document)
+
+
+def test_numbers_that_cannot_be_together_are_refused_with_what_is_expected() -> None:
+    document = json.loads(json.dumps(calibration_document(PLAIN)))
+    document["coefficients"]["k4_s2"] = 1e300
+    with pytest.raises(RecordingFormatError, match=r"calibration: expected .* at 250 mm and 50 N .*; got .*feature"):
+        calibration_from_document(document)

@@ -126,3 +126,12 @@ class Description:
                     outer = copy.copy(made)
                     outer[name] = below
                     yield (name, *pointer), bounds, outer
+
+
+def numbers_in(node: Any, pointer: Pointer = ()) -> Iterator[tuple[Pointer, Any]]:
+    """Yield where the numbers of a document are, and what holds each."""
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for name, value in items:
+        if isinstance(value, float | int) and not isinstance(value, bool):
+            yield (*pointer, name), node
+        yield from numbers_in(value, (*pointer, name))
