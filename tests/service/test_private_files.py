@@ -58,6 +58,9 @@ def test_a_folder_of_an_older_program_is_closed_when_it_is_opened(tmp_path: Path
         of_another.setattr(os, "geteuid", lambda: os.getuid() + 1)
         private_folder(folder)
         assert open_to_others(folder)  # whoever owns it decides
+        (folder / "rewritten").touch()
+        assert (folder / "rewritten").stat().st_mode & 0o777 == 0o666 & ~umask  # its owner reads it, too
+        (folder / "rewritten").unlink()
     os.umask(umask)
     private_folder(folder)
     Database(f"sqlite:///{folder}/preload.db").close()

@@ -13,11 +13,13 @@ def private_folder(folder: Path) -> None:
     """Make a folder where there is none, and let nobody but its owner in; what this process makes is its owner's alone.
 
     That is said to the process once, as SQLite, the frames, the uploads and the processes of jobs all go by its umask.
-    Raises StorageError.
+    In a folder of another owner the umask stays as it was: that one reads what is written there. Raises StorageError.
     """
-    os.umask(_RIGHTS_OF_OTHERS)
+    umask = os.umask(_RIGHTS_OF_OTHERS)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if folder.stat().st_uid != os.geteuid():
+            os.umask(umask)
         close_to_others(folder)
     except OSError as error:
         raise StorageError(f"the data folder {folder} cannot be made: {error.strerror}") from error
