@@ -11,7 +11,7 @@ from asyncua.server.internal_server import InternalServer
 from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 
-from service.operations.access.throttle import LoginThrottle, host_of
+from service.operations.access.throttle import MOST_ADDRESSES, LoginThrottle, host_of
 
 log = logging.getLogger(__name__)
 
@@ -26,6 +26,7 @@ class OneUser(UserManager):  # type: ignore[misc]  # the library's types are not
         self._name = username
         self._expected = f"{username}\n{password}".encode()
         self._throttle = LoginThrottle()
+        self._told = set[str]()  # hosts that wait, and of which the log says so
 
     def get_user(
         self,
@@ -38,12 +39,22 @@ class OneUser(UserManager):  # type: ignore[misc]  # the library's types are not
         del iserver, certificate
         address, name = _ADDRESS.get(), self._name if username == self._name else "another name"
         if self._throttle.begin(address, name, at_s=time.monotonic()) > 0.0:
+            self._tell_wait(host_of(address))
             return None
+        self._told.discard(host_of(address))
         if hmac.compare_digest(f"{username}\n{password}".encode(), self._expected):
             self._throttle.right(address, name)
             return User(UserRole.User, username)
         log.warning("OPC UA: a wrong name or password came from %s", host_of(address))
         return None
+
+    def _tell_wait(self, host: str) -> None:
+        if host in self._told:
+            return
+        if len(self._told) >= MOST_ADDRESSES:
+            self._told.clear()
+        self._told.add(host)
+        log.warning("OPC UA: %s has to wait after wrong tries; until then the right password is refused, too", host)
 
 
 class Sessions(InternalServer):  # type: ignore[misc]

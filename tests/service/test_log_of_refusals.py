@@ -6,6 +6,7 @@ import os
 import socket
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import httpx
 import numpy as np
@@ -79,7 +80,7 @@ def test_a_conflict(service: Api, told: Told, monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_body_that_is_too_large(service: Api, told: Told) -> None:
     assert service.http.put("/v1/axes/axis", content=b"x" * (2**20 + 1)).status_code == 413
-    assert_one_line(told(1), "PUT none 413", "")
+    assert_one_line(told(1), "PUT none 413", "a body may hold")
 
 
 def test_a_database_that_fails_before_a_page_is_read(service: Api, told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,3 +171,31 @@ def test_what_fails_in_the_background_is_told_alike(caplog: pytest.LogCaptureFix
         ("WARNING", f"the job: {FULL}", False),
         ("WARNING", "the job: ten jobs are waiting", False),
     ]
+
+
+@pytest.mark.parametrize(
+    ("asked", "sent", "told_as"),
+    [
+        (("GET", "/v1/axes"), {"headers": {"host": "elsewhere"}}, ("GET none 421", "got 'elsewhere'")),
+        (
+            ("PUT", "/v1/axes/axis"),
+            {"headers": {"sec-fetch-site": "cross-site"}},
+            ("PUT none 403", "a page may change"),
+        ),
+        (("GET", "/v1/" + 1000 * "x"), {}, ("GET none 404", "there is no resource /v1/x")),
+        (("PUT", "/v1/axes/axis"), {"json": {}}, ("PUT /v1/axes/{axis} 422", "/name: missing")),
+        (
+            ("POST", "/login"),
+            {"data": {"name": "a", "password": 2000 * "s"}},
+            ("POST /login 422", "/password: string_too"),
+        ),
+    ],
+)
+def test_every_refusal_has_its_reason_there_and_nothing_secret(
+    service: Api, told: Told, asked: tuple[str, str], sent: dict[str, Any], told_as: tuple[str, str]
+) -> None:
+    service.http.request(*asked, **sent)
+    assert_one_line(told(1), *told_as)
+    members = told(1)[0].__dict__["members"]
+    assert "sss" not in members["reason"]
+    assert len(members["reason"]) <= 500

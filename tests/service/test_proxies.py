@@ -42,10 +42,13 @@ def test_behind_a_proxy_loopback_is_not_open(tmp_path: Path) -> None:
 
 
 def test_browsers_ask_by_tls_again_and_keep_no_answer(tmp_path: Path) -> None:
-    with running_service(tmp_path, trusted_proxies="127.0.0.1") as api:
+    named = {"host": "preload.plant:8710"}
+    with running_service(tmp_path, trusted_proxies="127.0.0.1", host_names="preload.plant") as api:
         paths = ("/v1/axes", "/healthz", "/login", "/nowhere", "/static/site.css")
-        by_tls = [api.http.get(path, headers=FORWARDED).headers for path in paths]
-        plain = [api.http.get(path).headers for path in paths]
+        by_tls = [api.http.get(path, headers=FORWARDED | named).headers for path in paths]
+        plain = [api.http.get(path, headers=named).headers for path in paths]
+        for host in ("localhost:8710", "127.0.0.1", "[::1]:443"):  # other services answer at their other ports
+            plain.append(api.http.get("/healthz", headers=FORWARDED | {"host": host}).headers)
     assert {headers["strict-transport-security"] for headers in by_tls} == {"max-age=31536000"}
     assert not any("strict-transport-security" in headers for headers in plain)
     assert [headers.get("cache-control") for headers in by_tls] == ["no-store"] * 4 + [None]

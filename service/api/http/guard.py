@@ -48,14 +48,20 @@ class Guard:
         return None
 
     def _is_ours(self, host: str) -> bool:
-        try:
-            name = urlsplit(f"//{host}").hostname or ""
-        except ValueError:
-            return False
-        return name in self._host_names or _is_address(name)
+        name = name_in(host)
+        return name in self._host_names or is_address(name)
 
 
-def _is_address(name: str) -> bool:
+def name_in(host: str) -> str:
+    """Return the name or address that a ``Host`` states, without its port; nothing where it states none."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def is_address(name: str) -> bool:
+    """Tell whether it is an address of IPv4 or IPv6."""
     try:
         ipaddress.ip_address(name)
     except ValueError:

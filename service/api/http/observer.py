@@ -8,6 +8,7 @@ from http import HTTPStatus
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.api.http.guard import is_address, name_in
 from service.api.http.problems import problem, problem_of
 from service.errors import refusal_in
 from service.observability import Metrics
@@ -28,7 +29,7 @@ _HEADERS = {
 }
 #: And of all but the files of the pages: keep no copy, who reads the disk later may not have been let in.
 _NOT_KEPT = {"Cache-Control": "no-store"}
-#: Behind TLS: ask by nothing else for a year, whoever answers then.
+#: Behind TLS: ask this name by nothing else for a year, at whichever port. Others answer at those of ``localhost``.
 _BY_TLS_ONLY = {"Strict-Transport-Security": "max-age=31536000"}
 _FILES = "/static/"
 INTERNAL_ERROR = ("internal-error", "the service failed on this request; its log says why, under the id of the request")
@@ -107,5 +108,6 @@ class RequestObserver:
 def _headers(scope: Scope) -> dict[str, str]:
     """Return what browsers are told of the answer to a request."""
     kept = scope["path"].startswith(_FILES)
-    by_tls = scope["scheme"] == "https"  # a trusted proxy says so
+    name = name_in(Headers(scope=scope).get("host", ""))
+    by_tls = scope["scheme"] == "https" and name != "localhost" and not is_address(name)  # a trusted proxy says so
     return _HEADERS | ({} if kept else _NOT_KEPT) | (_BY_TLS_ONLY if by_tls else {})

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import ErrorDetails
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
+from starlette.types import Receive, Scope, Send
 
 from monitor_core.errors import MonitorCoreError
 from service.errors import (
@@ -24,6 +25,7 @@ from service.json_types import Json, JsonObject
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:preload-monitor:problem:"
 RETRY_AFTER_S = 1
+_MOST_IN_LOG = 500
 #: Errors that the framework finds before a route is reached.
 _NAME_OF_STATUS = {404: "unknown-resource", 405: "method-not-allowed", 413: "body-too-large"}
 
@@ -65,9 +67,21 @@ PROBLEM_RESPONSES: dict[int | str, JsonObject] = {
 }
 
 
+class ProblemAnswer(JSONResponse):
+    """A problem document; the log of requests gets its reason with it."""
+
+    media_type = MEDIA_TYPE
+    reason = ""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it."""
+        scope.setdefault("state", {})["reason"] = self.reason[:_MOST_IN_LOG]
+        await super().__call__(scope, receive, send)
+
+
 def problem(
     status: int, name: str, detail: str, headers: dict[str, str] | None = None, **members: Json
-) -> JSONResponse:
+) -> ProblemAnswer:
     """Return one problem document."""
     headers = dict(headers or {})
     if status == HTTPStatus.SERVICE_UNAVAILABLE:
@@ -79,10 +93,12 @@ def problem(
         "detail": detail,
         **members,
     }
-    return JSONResponse(body, status_code=status, media_type=MEDIA_TYPE, headers=headers)
+    answer = ProblemAnswer(body, status_code=status, headers=headers)
+    answer.reason = detail
+    return answer
 
 
-def problem_of(error: Exception) -> JSONResponse:
+def problem_of(error: Exception) -> ProblemAnswer:
     """Return the problem document of an error that was raised on purpose."""
     status, name = status_of(error)
     headers = {}
@@ -100,17 +116,19 @@ def install_problem_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(ServiceError)
     @app.exception_handler(MonitorCoreError)
-    async def _refused(request: Request, error: Exception) -> JSONResponse:
-        request.state.reason = str(error)  # for the log
+    async def _refused(_request: Request, error: Exception) -> JSONResponse:
         return problem_of(error)
 
     @app.exception_handler(RequestValidationError)
     async def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:
         items = [{"pointer": _pointer(item["loc"]), "detail": _detail(item)} for item in error.errors()]
         refused, more = items[0], f" (and {len(items) - 1} more)" if len(items) > 1 else ""
-        return problem(
+        answer = problem(
             422, "invalid-request", f"{refused['pointer'] or 'body'}: {refused['detail']}{more}", errors=items[:50]
         )
+        # the log gets nothing of what was sent, which may be a password
+        answer.reason = f"{refused['pointer'] or 'body'}: {error.errors()[0]['type']}{more}"
+        return answer
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> JSONResponse:
