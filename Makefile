@@ -7,8 +7,9 @@ STAMP  := $(VENV)/.ready
 OTHER      ?= python3.13
 OTHER_VENV := .venv-other
 
-# A worker that a hanging test ended is not started anew: it would only hang at the same test.
-TWO_WORKERS := -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+# Three on two cores: tests wait for the processes that they start. A worker that a hanging test ended is not started
+# anew: it would only hang at the same test.
+WORKERS := -n 3 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 
 # The tests start some two hundred processes: each finds the modules compiled, whatever the environment says.
 unexport PYTHONDONTWRITEBYTECODE
@@ -51,20 +52,20 @@ test: setup tools       ## static checks, and tests of every kind of behaviour, 
 	@$(MAKE) --no-print-directory -j2 static tests-of-every-kind
 
 tests-of-every-kind: setup
-	$(BIN)/python -m pytest $(TWO_WORKERS) -m "not release"
+	$(BIN)/python -m pytest $(WORKERS) -m "not release"
 
 test-all: static tools  ## static checks and every test, as before a release
-	$(BIN)/python -m pytest $(TWO_WORKERS)
+	$(BIN)/python -m pytest $(WORKERS)
 
 coverage: setup  ## every test with coverage measured and printed (takes twice the time of `make test-all`)
-	$(BIN)/python -m pytest $(TWO_WORKERS) --cov --cov-report=term
+	$(BIN)/python -m pytest $(WORKERS) --cov --cov-report=term
 
 test-python:     ## the tests of `make test` on another Python: make test-python OTHER=python3.13
 	@$(OTHER) --version >/dev/null 2>&1 || { echo "'$(OTHER)' does not run. Set OTHER=/path/to/python3.13."; exit 1; }
 	$(OTHER) -m venv $(OTHER_VENV)
 	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --require-hashes -r requirements/dev.lock
 	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	$(OTHER_VENV)/bin/python -m pytest $(TWO_WORKERS) -m "not release"
+	$(OTHER_VENV)/bin/python -m pytest $(WORKERS) -m "not release"
 
 check: test      ## the same as `make test`
 
