@@ -67,9 +67,11 @@ def _fault(calibration: Calibration, stated: Conditions, preload: float, off: fl
         return f"a preload of {estimate.preload:g} N"
     if not 0.0 < estimate.feature.standard_uncertainty < math.inf:
         return f"a standard uncertainty of {estimate.feature.standard_uncertainty:g} s² of the preload feature"
+    band = expected_band(calibration, stated)
     derived = (
         minimum_detectable_loss(calibration, preload, stated.position),
-        *expected_band(calibration, stated),
+        *band,
         0.0 if calibration.moving_mass is None else calibration.moving_mass.value,
     )
-    return None if all(map(math.isfinite, derived)) else f"loss, band of the mode and moving mass of {derived}"
+    sound = band[0] > 0.0 and all(map(math.isfinite, derived))
+    return None if sound else f"loss [N], band of the mode [Hz] and moving mass [kg] of {derived}"

@@ -125,14 +125,13 @@ def calibration_from_document(document: object, where: str = "calibration") -> C
     """Read what :func:`calibration_document` wrote, from a parsed JSON document that messages call ``where``.
 
     The calibration is the one written, up to the rounding of millimetres; ``RecordingFormatError`` if anything does not
-    fit, or all of it does not answer, in one sentence.
+    fit, in one sentence. That it answers is verified when it comes in (:func:`read_calibration`) or is written: one
+    that is stored already stays readable.
     """
     top = json_object(document, where)
     top.require_format(FORMAT, VERSION)
     with naming(where):
-        calibration = _calibration(top)
-        verify_calibration(calibration)
-    return calibration
+        return _calibration(top)
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
@@ -143,14 +142,18 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration that :func:`write_calibration` or ``preload calibrate --json`` wrote.
 
-    ``RecordingFormatError`` if the file is no JSON document or does not fit.
+    ``RecordingFormatError`` if the file is no JSON document, does not fit, or holds a calibration that does not answer
+    within its own ranges (:mod:`monitor_core.preload.verification`).
     """
     text = read_text(path)
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise RecordingFormatError(f"{path.name}: expected a JSON document; {error}") from error
-    return calibration_from_document(document, path.name)
+    calibration = calibration_from_document(document, path.name)
+    with naming(path.name):
+        verify_calibration(calibration)
+    return calibration
 
 
 def _calibration(top: Fields) -> Calibration:

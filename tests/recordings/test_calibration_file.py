@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor_core.errors import RecordingFormatError
+from monitor_core.errors import MonitorCoreError, OutsideValidityError, RecordingFormatError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload import (
     Calibration,
@@ -22,6 +22,7 @@ from monitor_core.preload import (
     expected_frequency,
     minimum_detectable_loss,
 )
+from monitor_core.preload.verification import verify_calibration
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Rejection
 from monitor_core.recordings.calibration_file import (
@@ -198,7 +199,8 @@ def test_whatever_number_is_written_it_is_refused_or_answers(subtests: pytest.Su
                 place[pointer[-1]] = value
                 try:
                     back = calibration_from_document(document)
-                except RecordingFormatError:
+                    verify_calibration(back)
+                except MonitorCoreError:
                     continue
                 middle = Conditions(0.5 * (back.position.lower + back.position.upper), preload=back.preload.upper)
                 frequency = Estimate(expected_frequency(back, middle), 0.1)
@@ -219,8 +221,12 @@ def test_what_is_fixed_has_no_covariance() -> None:
         calibration_from_document(document)
 
 
-def test_numbers_that_cannot_be_together_are_refused_with_what_is_expected() -> None:
+def test_numbers_that_cannot_be_together_are_refused_with_what_is_expected(tmp_path: Path) -> None:
     document = json.loads(json.dumps(calibration_document(PLAIN)))
     document["coefficients"]["k4_s2"] = 1e300
-    with pytest.raises(RecordingFormatError, match=r"calibration: expected .* at 250 mm and 50 N .*; got .*feature"):
-        calibration_from_document(document)
+    (tmp_path / "axis.json").write_text(json.dumps(document))
+    with pytest.raises(RecordingFormatError, match=r"axis.json: expected .* at 250 mm and 50 N .*; got .*feature"):
+        read_calibration(tmp_path / "axis.json")
+    stored = calibration_from_document(document)  # one that is stored already stays readable
+    with pytest.raises(OutsideValidityError, match="expected a calibration that answers"):
+        calibration_document(stored)
