@@ -20,7 +20,8 @@ from service.web.pages import PAGES
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 from tests.service.long_history import lengthen
 
-#: The short history fills every list that has an end, with one in fifty made for a calibration.
+#: The short history fills every list that has an end, with one in fifty made for a calibration; the summaries that the
+#: axis page draws go on to fill until 50,000, by a quarter of its steps.
 SHORT, LONG = 3_200, 12_800
 #: Of an index that is one level deeper, and of pages that split; not of rows that are passed one by one.
 MOST_GROWTH, MOST_MORE = 1.2, 60
@@ -114,7 +115,7 @@ def costs(folder: Path, n_measurements: int) -> dict[str, tuple[int, int]]:
                 answer = api.http.get(path, params=query)
                 assert answer.status_code == 200, (path, answer.text)
                 taken.append(steps.counted)
-            told[name] = min(taken), len(answer.content)
+            told[name] = min(taken[1:]), len(answer.content)
 
         def post(name: str, measurement: str, hours: float, n_windows: int) -> None:
             windows = simulated_measurement(
@@ -134,17 +135,19 @@ def costs(folder: Path, n_measurements: int) -> dict[str, tuple[int, int]]:
         trend = "/v1/axes/axis/trend"
         measure("trend: columns", trend, form="columns")
         measure("trend: newest first", trend, limit=100, order="newest-first")
-        cursor = api.http.get(trend, params={"limit": n_measurements // 2}).json()["next_cursor"]
+        middle = (START - EVERY * (n_measurements // 2)).isoformat()
+        cursor = api.http.get(trend, params={"from": middle, "limit": 100}).json()["next_cursor"]
+        assert cursor is not None
         measure("trend: from the middle", trend, limit=100, cursor=cursor)
         measure("trend: a day", trend, **{"from": (START - timedelta(days=2)).isoformat(), "limit": 48})
     return told
 
 
-@pytest.mark.parametrize("long", [LONG, pytest.param(100_000, marks=pytest.mark.release)])
-def test_cost_does_not_grow_with_the_history(tmp_path: Path, long: int) -> None:
-    few, many = costs(tmp_path / "short", SHORT), costs(tmp_path / "long", long)
+@pytest.mark.parametrize(("short", "long"), [(SHORT, LONG), pytest.param(LONG, 100_000, marks=pytest.mark.release)])
+def test_cost_does_not_grow_with_the_history(tmp_path: Path, short: int, long: int) -> None:
+    few, many = costs(tmp_path / "short", short), costs(tmp_path / "long", long)
     assert few.keys() == many.keys()
-    days = (long - SHORT) * EVERY // timedelta(days=1)
+    days = (long - short) * EVERY // timedelta(days=1)
     grown = {
         name: (few[name], many[name])
         for name in few
