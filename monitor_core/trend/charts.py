@@ -244,7 +244,7 @@ SESSIONS_PER_YEAR = 365.0
 LEAST_RATE, MOST_RATE = 1e-6, SESSIONS_PER_YEAR
 #: Measurements of a year: an axis that is measured less than once has no baseline in its life; one a second at most.
 LEAST_MEASUREMENTS, MOST_MEASUREMENTS = 1.0, 3.2e7
-#: Sessions of a baseline: the scatter of fewer is not known, and more than three years of them are never learnt.
+#: Sessions of a baseline: the scatter of fewer is not known, and more than some three years of them are never learnt.
 LEAST_BASELINE, MOST_BASELINE = 3, 1000
 #: Reference of the CUSUM: a quarter finds slow wear soonest.
 CUSUM_REFERENCE = 0.25

@@ -167,8 +167,8 @@ def outcomes_of(connection: Connection, measurement_ids: Collection[int]) -> dic
 
 def add_windows(connection: Connection, windows: Iterable[WindowRecord]) -> None:
     """Store windows."""
-    for window in windows:
-        connection.execute(_NEW_WINDOW, _columns(window))
+    if rows := [_columns(window) for window in windows]:  # no rows would be one of nothing but defaults
+        connection.execute(_NEW_WINDOW, rows)
 
 
 def refuse_windows(connection: Connection, measurement_id: int, refusals: Mapping[datetime, Rejection | None]) -> None:

@@ -15,7 +15,7 @@ STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0018", lambda _: None),  # new documents of measurements are packed, which an older program would not read
 )
 #: The version that this program writes.
-VERSION = STEPS[-1][0] if STEPS else BASELINE
+VERSION = STEPS[-1][0]
 #: What brings every older schema to the baseline. (The service of that commit would also fold charts again, without the
 #: calibration of those of commit 5c78000.)
 OPENS_OLDER = "run `preload user list` of commit 7bd100f"

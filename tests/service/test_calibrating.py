@@ -23,7 +23,7 @@ from service.documents.map_form import FieldTable, filled_map, map_fields
 from service.operations.calibrating import fit_job
 from service.operations.recordings import file_check
 from tests.service import stand_in_readers as stand_ins
-from tests.service.conftest import CONFIGURATION, START, Api, running_service, simulated_measurement
+from tests.service.conftest import CONFIGURATION, START, Api, axial_frequency, running_service, simulated_measurement
 from tests.service.test_jobs import wait_for
 
 SETTINGS = list(itertools.product((200.0, 400.0, 600.0, 800.0), (100.0, 200.0, 300.0)))
@@ -138,6 +138,20 @@ def test_a_fit_is_a_job_with_the_readings_it_rests_on(api: Api) -> None:
     assert stored["document"] == at_once["document"]
     left = [reading["residual_hz"] for reading in job["result"]["readings"]]
     assert np.sqrt(np.mean(np.square(left))) == pytest.approx(stored["document"]["residual_rms_hz"], rel=1e-6)
+
+
+def test_a_prior_that_does_not_answer_is_refused(api: Api) -> None:
+    number, path = api.calibrate("axis"), "/v1/axes/axis/calibrations"
+    document = api.http.get(f"{path}/{number}").json()["document"]
+    readings = [
+        {"position_mm": 1e3 * x, "preload_n": force, "frequency_hz": axial_frequency(force, x)}
+        for x in (0.3, 0.5, 0.7)
+        for force in (150.0, 300.0)
+    ]
+    assert api.http.post(path, json={"readings": readings, "prior": document}).status_code == 201
+    document["coefficients"]["k4_s2"] = 1e300
+    answer = api.http.post(path, json={"readings": readings, "prior": document})
+    refused_with(answer, 422, says="expected a calibration that answers")
 
 
 def test_a_prior_lets_fewer_measurements_do(api: Api) -> None:

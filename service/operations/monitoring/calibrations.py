@@ -17,6 +17,7 @@ from monitor_core.preload import (
     calibrate,
     prior_from_calibration,
 )
+from monitor_core.preload.verification import verify_calibration
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
@@ -169,4 +170,7 @@ def nothing_to_fit(axis_id: str) -> NotIdentifiableError:
 
 
 def _prior(document: JsonObject | None) -> CoefficientPrior | None:
-    return None if document is None else prior_from_calibration(calibration_from_document(document), "a calibration")
+    if document is None:
+        return None
+    verify_calibration(calibration := calibration_from_document(document))
+    return prior_from_calibration(calibration, "a calibration")

@@ -75,14 +75,16 @@ def forget_epoch(connection: Connection, epoch: EpochRecord) -> None:
     )
 
 
-def without_epochs(connection: Connection) -> set[str]:
-    """Return the axes whose charts are in no epoch of the calibration in force: a program began it that kept none."""
+def without_epochs(connection: Connection, axis_id: str | None = None) -> set[str]:
+    """Return the axes, or the one, whose charts are in no epoch of the calibration in force: its program kept none."""
     kept = select(_EPOCHS.c.epoch).where(
         _EPOCHS.c.axis_number == AxisRow.number,
         _EPOCHS.c.epoch == AxisRow.epoch,
         _EPOCHS.c.calibration_id == AxisRow.active_calibration_id,
     )
     query = select(AxisRow.id).where(AxisRow.active_calibration_id.is_not(None), ~kept.exists())
+    if axis_id is not None:
+        query = query.where(AxisRow.id == axis_id)
     return set(connection.scalars(query))
 
 

@@ -39,8 +39,9 @@ _ADD = insert(_SESSIONS)
 
 def add_sessions(connection: Connection, sessions: Iterable[SessionRecord]) -> None:
     """Store sessions that are over."""
-    for session in sessions:
-        connection.execute(_ADD, {name: getattr(session, name) for name in SessionRecord.__slots__})
+    rows = [{name: getattr(session, name) for name in SessionRecord.__slots__} for session in sessions]
+    if rows:  # none would be one of nothing but defaults
+        connection.execute(_ADD, rows)
 
 
 def forget_sessions(

@@ -62,7 +62,7 @@ def renew_charts(database: Database) -> None:
 def _renew(connection: Connection, axis_id: str) -> None:
     axis = intake.read_axis(connection, axis_id)
     before = intake.read_charts(connection, axis)
-    if axis_id in without_epochs(connection):
+    if without_epochs(connection, axis_id):
         _name_epochs(connection, axis, before)
     elif not is_outdated(before):
         return  # another service, which started at the same time, has done it
