@@ -48,3 +48,4 @@ from monitor_core.preload.prior import (
     calibration_from_prior as calibration_from_prior,
     prior_from_calibration as prior_from_calibration,
 )
+from monitor_core.preload.verification import verify_calibration as verify_calibration

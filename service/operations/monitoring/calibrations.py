@@ -16,8 +16,8 @@ from monitor_core.preload import (
     Weighting,
     calibrate,
     prior_from_calibration,
+    verify_calibration,
 )
-from monitor_core.preload.verification import verify_calibration
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
