@@ -187,9 +187,7 @@ def admits(candidates: Sequence[Candidate], case: ModalCase) -> bool:
     listed = {candidate.key: candidate for candidate in candidates}
     for key, values in case.truth.items():
         found = listed.get(key)
-        if found is None or (
-            found.untested is None and (found.detection_limit or 0.0) < size_of(key, values)
-        ):
+        if found is None or (found.untested is None and (found.detection_limit or 0.0) < size_of(key, values)):
             return False
     return True
 
