@@ -1,8 +1,9 @@
 """A plant: 1000 axes, each measured once a minute, after so many days of it.
 
-``python -m benchmarks.many_axes [--axes 1000] [--days 30] [--minutes 5]`` writes the days into the database as the
-service would have left them, then serves the same axes at the same rate in real time: a measurement of two windows in
-one request, from four senders. Reports p50 and p99 of the answers, errors, and memory at the beginning and the end.
+``python -m benchmarks.many_axes [--axes 1000] [--days 30] [--minutes 5] [--senders 4] [--readers 0]`` writes the days
+into the database as the service would have left them, then serves the same axes at the same rate in real time: a
+measurement of two windows in one request. Reports p50 and p99 of the answers, errors, and memory by minute. With
+readers, each goes round pages and answers of one axis after another, and one more asks for what is dear and leaves.
 """
 
 import argparse
@@ -10,9 +11,11 @@ import sqlite3
 import tempfile
 import threading
 import time
+from collections import Counter
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import timedelta
+from itertools import cycle
 from pathlib import Path
 
 import httpx
@@ -25,7 +28,10 @@ from service.cli.remote.client import window_document
 from tests.service.conftest import CONFIGURATION, START, readings, simulated_measurement
 from tests.service.long_history import lengthen
 
-N_SENDERS = 4
+#: What a reader goes round.
+READ = ("/axes/{}", "/v1/axes/{}/trend?form=columns", "/v1/axes/{}/calibration-plan", "/v1/axes", "/", "/metrics")
+#: A drive model with as many modes as there can be, of another screw each time.
+DEAR = "/v1/drive-model?screw_diameter_mm=100&screw_lead_mm=0.1&moved_mass_kg=1e6&screw_length_mm={}"
 #: Columns that differ from axis to axis; all others are copied.
 COPIED = {
     "measurements": {"id": "id + :shift", "axis_id": ":axis"},
@@ -80,6 +86,30 @@ def copy_to_all(file: Path, n_axes: int, n_measurements: int) -> int:
 
 
 @dataclass
+class Reader:
+    """Reads until it is told to stop: one answer after another, or what is dear, leaving after a second."""
+
+    port: int
+    axes: int
+    leaves: bool = False
+    stop: threading.Event = field(default_factory=threading.Event)
+    answers: Counter[str] = field(default_factory=Counter)
+
+    def run(self) -> None:
+        """Read."""
+        paths = (path.format(f"axis{i}") for i in cycle(range(self.axes)) for path in READ)
+        dear = (DEAR.format(10_000 + n) for n in cycle(range(9_000)))
+        patience = 1.0 if self.leaves else 60.0
+        with httpx.Client(base_url=f"http://127.0.0.1:{self.port}", trust_env=False, timeout=patience) as http:
+            while not self.stop.wait(1.0):
+                try:
+                    status = str(http.get(next(dear if self.leaves else paths)).status_code)
+                except httpx.TransportError as error:
+                    status = type(error).__name__
+                self.answers[f"{'leaving' if self.leaves else 'reader'} {status}"] += 1
+
+
+@dataclass
 class Sender:
     """Posts a measurement of each of its axes every minute, spread over the minute."""
 
@@ -110,6 +140,8 @@ def main() -> None:
     parser.add_argument("--axes", type=int, default=1000)
     parser.add_argument("--days", type=int, default=30)
     parser.add_argument("--minutes", type=int, default=5)
+    parser.add_argument("--senders", type=int, default=4)
+    parser.add_argument("--readers", type=int, default=0)
     options = parser.parse_args()
     rng, n_measurements = np.random.default_rng(1), options.days * 1440
     bodies = [
@@ -137,14 +169,18 @@ def main() -> None:
         with service(folder) as (port, process):
             httpx.get(f"http://127.0.0.1:{port}/v1/axes", timeout=60.0, trust_env=False).raise_for_status()
             used, memory = process.cpu_times(), [process.memory_info().rss]
-            share = options.axes // N_SENDERS
-            senders = [Sender(port, bodies, range(i * share, (i + 1) * share)) for i in range(N_SENDERS)]
-            threads = [threading.Thread(target=sender.run) for sender in senders]
+            share = options.axes // options.senders
+            senders = [Sender(port, bodies, range(i * share, (i + 1) * share)) for i in range(options.senders)]
+            readers = [Reader(port, options.axes) for _ in range(options.readers)]
+            readers += [Reader(port, options.axes, leaves=True)] if readers else []
+            threads = [threading.Thread(target=each.run) for each in (*senders, *readers)]
             for thread in threads:
                 thread.start()
             for _ in range(options.minutes):
                 time.sleep(60.0)
                 memory.append(process.memory_info().rss)
+            for reader in readers:
+                reader.stop.set()
             for thread in threads:
                 thread.join()
             now = process.cpu_times()
@@ -156,6 +192,7 @@ def main() -> None:
             f"{len(seconds)} measurements: p50 {p50:.1f} ms, p99 {p99:.1f} ms, {len(errors)} errors; {cores:.2f} cores"
         )
         print(f"memory by minute, MiB: {[round(m / 2**20) for m in memory]}")
+        print(dict(sum((reader.answers for reader in readers), Counter[str]())))
         for line in errors[:3]:
             print(line)
 
