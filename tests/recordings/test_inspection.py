@@ -123,10 +123,10 @@ NAMES = {
     "MotorTorque_Nm": (ChannelKind.TORQUE, "N.m"),
     "acc_m_s2": (ChannelKind.ACCELERATION, "m/s2"),
     "Beschleunigung": (ChannelKind.ACCELERATION, None),
-    "Velocity [mm/s]": (None, None),
+    "Velocity [mm/s]": (None, "mm/s"),
     "axis_a": (None, None),
     "temperature_c": (None, None),
-    "frequency_hz": (ChannelKind.FREQUENCY, None),
+    "frequency_hz": (ChannelKind.FREQUENCY, "Hz"),
     "AI0": (None, None),
 }
 

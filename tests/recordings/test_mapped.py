@@ -135,7 +135,7 @@ REFUSED_MAPS = {
     "no response": (MAP.replace("[response]", "[response_]"), "got 'response_'"),
     "no window": (MAP.partition("[window]")[0], "window: expected a table [window]; it is missing"),
     "an unknown entry": (MAP + "sample_rate = 5\n", "[window]: expected only"),
-    "no unit": (MAP.replace('unit = "kN"\n', ""), "[excitation], unit: expected a text; it is missing"),
+    "half a sensitivity": (MAP.replace('unit = "kN"', 'sensitivity_unit = "N/V"'), "sensitivity: expected a number"),
     "a unit of another quantity": (
         MAP.replace('"kN"', '"N.m"'),
         "expected a unit of force (N, mN, daN, kN, lbf, kgf); got 'N.m', a unit of torque",
@@ -169,6 +169,7 @@ def test_a_map_that_leaves_doubt_is_refused(tmp_path, subtests):
 
 TWO_BY_THREE = {"force": np.zeros((2, 3)), "acc": np.zeros((2, 3))}
 REFUSED_FILES = {
+    "no unit at all": (MAP.replace('unit = "kN"\n', ""), {}, "force: expected unit, what the numbers are in; neither"),
     "no such channel": (MAP.replace('"force"\nq', '"Force"\nq'), {}, "a channel 'Force'; the file has 'force', 'acc'"),
     "unequal lengths": (MAP, {"acc": np.zeros(5)}, "expected channels of one length; got 'force' (6,), 'acc' (5,)"),
     "no rate": (MAP.replace("sample_rate_hz = 1000\n", ""), {}, "expected the sample rate stated once; got none"),

@@ -6,7 +6,14 @@ from enum import StrEnum
 import numpy as np
 
 from monitor_core.arrays import SampleArray
-from monitor_core.recordings.elements.units import FACTOR_TO_SI, RAW_UNITS, Quantity, canonical_unit
+from monitor_core.recordings.elements.units import (
+    FACTOR_TO_SI,
+    RAW_UNITS,
+    Quantity,
+    canonical_unit,
+    is_raw,
+    quantity_of_unit,
+)
 
 
 class ChannelKind(StrEnum):
@@ -48,13 +55,13 @@ _WHOLE = {
 _PLANNED = re.compile(r"set|soll|target|ref|c(omman|m)d|error|fehler|nom", re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
 _ENDING = re.compile(r"[_ ]((?:[a-zA-Z]+\d?)(?:_s2|ps2|/s2|/s\^2|/s²)?)$")
-#: Units as names of columns spell them.
+#: Units as names of columns spell them, in small letters.
 _IN_NAMES = {
-    "nm": "N.m", "mnm": "mN.m", "ncm": "N.cm", "knm": "kN.m", "n": "N", "mn": "mN", "kn": "kN", "g": "g",
-    "ms2": "m/s2", "mps2": "m/s2", "m_s2": "m/s2", "m_per_s2": "m/s2", "mms2": "mm/s2", "m": "m", "mm": "mm",
-    "um": "um", "s": "s", "ms": "ms", "us": "us", "sec": "s", "v": "V", "mv": "mV", "a": "A", "ma": "mA",
-    "counts": "count", "count": "count",
+    "mnm": "mN.m", "ncm": "N.cm", "knm": "kN.m", "n": "N", "kn": "kN", "mm_s2": "mm/s2", "m_s2": "m/s2",
+    "m_per_s2": "m/s2", "v": "V", "mv": "mV", "a": "A", "ma": "mA", "hz": "Hz", "khz": "kHz",
 }  # fmt: skip
+#: Units at the end of a name that are more often words.
+_WORDS = frozenset(("in", "rev", "min", "h", "count", "K", "W"))
 _FREQUENCY_UNITS = frozenset(("Hz", "kHz", "rad/s"))
 
 
@@ -75,12 +82,12 @@ def kind_of_name(name: str) -> ChannelKind | None:
 
 def kind_of_unit(unit: str | None) -> ChannelKind | None:
     """Return what a unit belongs to; a current is taken for a torque, a voltage for nothing."""
-    if unit is not None and unit.strip() in _FREQUENCY_UNITS:
-        return ChannelKind.FREQUENCY
     canonical = canonical_unit(unit)
-    for quantity, factors in FACTOR_TO_SI.items():
-        if canonical in factors:
-            return ChannelKind(str(quantity))
+    if canonical in _FREQUENCY_UNITS:
+        return ChannelKind.FREQUENCY
+    quantity = quantity_of_unit(unit)
+    if quantity is not None:
+        return ChannelKind(str(quantity))
     return ChannelKind.TORQUE if canonical in ("A", "mA") else None
 
 
@@ -91,15 +98,24 @@ def unit_in_name(name: str) -> str | None:
     and so is "in", which is a word: ``travel_in``, but not ``signal_in``.
     """
     if (bracket := _IN_BRACKETS.search(name)) is not None:
-        return canonical_unit(bracket[1]) or _IN_NAMES.get(bracket[1].strip().lower())
+        return _spelt(bracket[1].strip(), kind_of_name(name))
     if (ending := _ENDING.search(name)) is None:
         return None
-    unit = canonical_unit(ending[1]) or _IN_NAMES.get(ending[1].lower().replace("/", ""))
-    if unit is None or unit in RAW_UNITS:
-        says = kind_of_name(name[: ending.start()])
-        return unit if unit is not None and says is not None else None
-    fits = kind_of_name(name[: ending.start()])
-    return unit if (fits is None and len(ending[1]) > 1 and unit != "in") or fits == kind_of_unit(unit) else None
+    says = kind_of_name(name[: ending.start()])
+    unit = _spelt(ending[1], says)
+    if unit is None or unit in _WORDS:
+        return unit if says is ChannelKind.POSITION and unit in ("in", "rev", "count") else None
+    if is_raw(unit):
+        return unit if says is not None or unit in ("deg", "rad") else None
+    return unit if (says is None and len(ending[1]) > 1) or says == kind_of_unit(unit) else None
+
+
+def _spelt(text: str, says: ChannelKind | None) -> str | None:
+    """Return a unit as names spell it, in any letters: "nm" are newton metres of a torque."""
+    small = text.lower()
+    if small == "nm" and says in (ChannelKind.TORQUE, None):
+        return "N.m" if says or text != "nm" else "nm"
+    return canonical_unit(text) or canonical_unit(_IN_NAMES.get(small, small))
 
 
 def names_other_unit(name: str) -> bool:

@@ -13,10 +13,11 @@
     column = 3                                 # optional: column or row of a two-dimensional array, counted from 1
     quantity = "torque"                        # torque | force
     source = "drive"                           # sensor | drive
-    unit = "A"                                 # what the numbers in the file are
-    sensitivity = 0.74                         # only with a raw unit (V, mV, A, mA, count) …
+    unit = "A"                                 # what the numbers in the file are; left out, the file states it
+    sensitivity = 0.74                         # only with a raw unit (V, A, count, %, deg, …) …
     sensitivity_unit = "N.m/A"                 # … "quantity/raw" or, as on a sensor's sheet, "raw/quantity"
     offset = 0.0                               # optional, in the unit of the file, subtracted first
+    wraps_at = 65536                           # optional, in the unit of the file: numbers begin anew there
     time = "Time 1"                            # optional: channel with the sampling times of this one, unit as [time]
 
     [response]                                 # always an acceleration
@@ -64,24 +65,30 @@ A motion record has, instead of excitation, response and position, tables inside
 ``force`` or ``torque``, optionally ``reference``, each with entries as above, and ``sample_rate_hz`` or ``[time]``.
 
 An FRF set has ``[frf]``: ``input`` and ``output`` as its format names them; ``frequency``, and ``real`` and
-``imaginary`` or ``magnitude`` and ``phase`` (deg or rad), or ``response``, the name of a frequency response that the
-file itself holds; ``standard_deviation`` (in the unit of the response; or a channel) or ``relative``; optionally
-``resolution_hz`` and ``excitation_rms_nm`` or ``excitation_rms_n``. Conditions stand in ``[window]`` or ``[[files]]``.
+``imaginary`` or ``magnitude`` (in decibels with ``unit = "dB re 1 m/(N.s2)"``) and ``phase`` (deg or rad), or
+``response``, the name of a frequency response that the file itself holds; ``standard_deviation`` (in the unit of the
+response; or a channel) or ``relative``; optionally ``resolution_hz`` and ``excitation_rms_nm`` or ``excitation_rms_n``.
+Conditions stand in ``[window]`` or ``[[files]]``.
 
-What is stated in the file *and* here is refused, and so is an entry that is not listed above.
+A rate or a start stated in the file *and* here is refused, and so are a unit that contradicts the file or the name of
+its channel, and an entry that is not listed above.
 """
 
 import math
-from collections.abc import Mapping, Set as AbstractSet
+import re
+from collections.abc import Callable, Mapping, Set as AbstractSet
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import parse_toml, read_text
+from monitor_core.recordings.elements.files import listed, parse_toml, read_text
 from monitor_core.recordings.elements.units import (
     Quantity,
+    canonical_unit,
     excitation_unit,
     factor_to_si,
     metres,
@@ -107,7 +114,7 @@ from monitor_core.recordings.raw.mapping.times import zone_of
 from monitor_core.recordings.raw.text.layout import TextLayout
 
 _PLACE = frozenset(("channel", "column", "row"))
-_SIGNAL = _PLACE | {"unit", "sensitivity", "sensitivity_unit", "offset", "time"}
+_SIGNAL = _PLACE | {"unit", "sensitivity", "sensitivity_unit", "offset", "time", "wraps_at"}
 #: What ``[window]`` and ``[[files]]`` may state of a frequency response, and of windows.
 _CONDITIONS = frozenset(("position_mm", "payload_kg", "temperature_c", "preload_n"))
 _FACTS = _CONDITIONS | {"started_at", "position_span_mm", "measurement", "direction"}
@@ -138,7 +145,8 @@ _TOP = {
 }
 _ANY_MAP = {"axis_id", "description", "text"}
 _PHASES = {"deg": math.pi / 180.0, "rad": 1.0}
-_FREQUENCIES = {"Hz": 1.0, "kHz": 1e3}
+_FREQUENCIES = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi}
+_LEVEL = re.compile(r"dB re (?:1 ?)?(.+)")  # of a field quantity, as ISO 1683 writes it
 
 
 def read_channel_map(path: Path) -> ChannelMap:
@@ -255,21 +263,17 @@ def facts_required(facts: WindowFacts, where: str) -> None:
 
 def _channel(fields: Fields, quantity: Quantity) -> MappedChannel:
     """Return a channel with the factor that its numbers are brought to SI by."""
-    unit = fields.text("unit")
     if "sensitivity" in fields or "sensitivity_unit" in fields:
         sensitivity, its_unit = fields.positive("sensitivity", "-"), fields.text("sensitivity_unit")
-        factor = sensor_factor(unit, sensitivity, its_unit, quantity, fields.where)
+        convert = partial(sensor_factor, sensitivity=sensitivity, sensitivity_unit=its_unit, quantity=quantity)
     else:
-        factor = factor_to_si(unit, quantity, f"{fields.where}, unit")
-    row, column = _place(fields)
-    return MappedChannel(
-        fields.text("channel"),
-        unit,
-        factor,
-        fields.optional_number("offset", unit) or 0.0,
-        row,
-        column,
-        fields.optional_text("time"),
+        convert = partial(factor_to_si, quantity=quantity)
+    line = _line(fields, convert)
+    return replace(
+        line,
+        offset=fields.optional_number("offset", line.unit) or 0.0,
+        time=fields.optional_text("time"),
+        wraps_at=fields.optional_positive("wraps_at", line.unit),
     )
 
 
@@ -292,8 +296,8 @@ def _time_source(top: Fields) -> TimeSource | None:
         for name in ("date", "zone"):
             if name in fields:
                 raise RecordingFormatError(f"{fields.where}: expected {name} with format; got it with unit")
-        unit = fields.text("unit")
-        factor = factor_to_si(unit, Quantity.TIME, f"{fields.where}, unit")
+        unit = fields.optional_text("unit")
+        factor = None if unit is None else factor_to_si(unit, Quantity.TIME, f"{fields.where}, unit")
         return TimeSource(channel, factor, unit, row=row, column=column)
     if "unit" in fields:
         raise RecordingFormatError(f"{fields.where}: expected unit for numbers or format for texts; got both")
@@ -375,7 +379,8 @@ def _response_lines(frf: Fields) -> ResponseLines:
 
     def quotient(name: str, entries: AbstractSet[str] = _PLACE | {"unit"}) -> MappedChannel:
         fields = frf.table(name, entries)
-        return _line(fields, response_factor(fields.text("unit"), excitation, point, f"{fields.where}, unit"))
+        convert = partial(response_factor, excitation=excitation, response=point)
+        return _line(fields, convert, may_be_level=name == "magnitude")
 
     pairs = [pair for pair in (("real", "imaginary"), ("magnitude", "phase")) if pair[0] in frf or pair[1] in frf]
     ways = [*(" and ".join(pair) for pair in pairs), *(["response"] if "response" in frf else [])]
@@ -384,14 +389,11 @@ def _response_lines(frf: Fields) -> ResponseLines:
             f"{frf.where}: expected real and imaginary, magnitude and phase, or response; got "
             f"{', '.join(ways) or 'none of them'}"
         )
-    whole = None
     parts: tuple[MappedChannel, MappedChannel] | None = None
     polar = bool(pairs) and pairs[0][1] == "phase"
     if pairs:
-        value = quotient(pairs[0][0])
-        parts = value, _line_in(frf, "phase", _PHASES) if polar else quotient("imaginary")
-    else:
-        whole = value = quotient("response", {"channel", "unit"})
+        parts = quotient(pairs[0][0]), _line_in(frf, "phase", _PHASES) if polar else quotient("imaginary")
+    whole = None if pairs else quotient("response", {"channel", "unit"})
     if (whole is None) != ("frequency" in frf):
         missing = "it is missing" if whole is None else "it stands in the response of the file"
         raise RecordingFormatError(f"{frf.where}, frequency: expected where the lines stand, once; {missing}")
@@ -413,7 +415,7 @@ def _response_lines(frf: Fields) -> ResponseLines:
         _line_in(frf, "frequency", _FREQUENCIES) if whole is None else None,
         parts,
         polar,
-        None if number is None else number * value.factor,
+        number,
         frf.optional_positive("relative", "-"),
         quotient("standard_deviation") if in_column else None,
         frf.optional_positive("resolution_hz", "Hz") or 0.0,
@@ -423,10 +425,22 @@ def _response_lines(frf: Fields) -> ResponseLines:
 
 def _line_in(frf: Fields, name: str, units: Mapping[str, float]) -> MappedChannel:
     """Return a column that is in one of some units."""
-    fields = frf.table(name, _PLACE | {"unit"})
-    return _line(fields, units[fields.word("unit", units)])
+    return _line(frf.table(name, _PLACE | {"unit"}), partial(_factor_among, units=units))
 
 
-def _line(fields: Fields, factor: float) -> MappedChannel:
-    row, column = _place(fields)
-    return MappedChannel(fields.text("channel"), fields.text("unit"), factor, row=row, column=column)
+def _factor_among(unit: str, units: Mapping[str, float], where: str) -> float:
+    name = canonical_unit(unit)
+    if name is None or name not in units:
+        raise RecordingFormatError(f"{where}: expected {listed([repr(known) for known in units])}; got {unit!r}")
+    return units[name]
+
+
+def _line(fields: Fields, convert: Callable[..., float], *, may_be_level: bool = False) -> MappedChannel:
+    """Return where numbers stand and what they are in; the factor is NaN where the unit is left to the file."""
+    (row, column), stated = _place(fields), fields.optional_text("unit") or ""
+    level = _LEVEL.fullmatch(stated) if may_be_level else None
+    unit = level[1] if level is not None else stated
+    factor = convert(unit, where=f"{fields.where}, unit") if unit else math.nan
+    return MappedChannel(
+        fields.text("channel"), unit, factor, convert, row=row, column=column, in_decibels=level is not None
+    )

@@ -90,14 +90,14 @@ def doubts_of_session(session: Session, signals: SessionSignals) -> Iterator[str
     if answer > _GREAT_ACCELERATION:
         yield (
             f"response {signals.response.channel!r}: in doubt: {answer:.3g} m/s² at most; are the numbers "
-            f"{signals.response.unit}, and not mV or counts?"
+            f"{signals.response.unit or 'in the unit that the file says'}, and not mV or counts?"
         )
     low, high, unit = _MOVING[signals.quantity]
     if answer > 0.0 and driven > 0.0 and not low <= driven / answer <= high:
         yield (
             f"excitation {signals.excitation.channel!r}: in doubt: {driven:.3g} {'N' if unit == 'kg' else 'N·m'} and "
             f"{answer:.3g} m/s² at most would mean {driven / answer:.2g} {unit}; are the numbers {signals.quantity} in "
-            f"{signals.excitation.unit}, and not volts of a sensor?"
+            f"{signals.excitation.unit or 'the unit that the file says'}, and not volts of a sensor?"
         )
     if signals.position is not None:
         traces = [window.position_trace for window in session.windows if window.position_trace is not None]
@@ -106,7 +106,7 @@ def doubts_of_session(session: Session, signals: SessionSignals) -> Iterator[str
 
 def doubts_of_travel(traces: Sequence[FloatArray], source: MappedChannel) -> Iterator[str]:
     """Doubt travel so short that the numbers may be metres where the map says mm."""
-    if source.unit == "m" or not traces:
+    if source.unit in ("m", "") or not traces:
         return
     low, high = min(float(trace.min()) for trace in traces), max(float(trace.max()) for trace in traces)
     if _SMALL_TRAVEL[0] < high - low and max(abs(low), abs(high)) < _SMALL_TRAVEL[1]:

@@ -345,8 +345,8 @@ def _unused(paths: Sequence[Path], channel_map: ChannelMap) -> list[str]:
 def _doubts_of_channels(channels: Channels, sources: Sequence[MappedChannel]) -> list[str]:
     doubts = list[str]()
     for source in sources:
-        signal = signal_of(channels, source)
-        doubts += doubts_of_numbers(signal.samples, source, f"{channels.file_name}, {signal.name}")
+        signal, resolved = signal_of(channels, source)
+        doubts += doubts_of_numbers(signal.samples, resolved, f"{channels.file_name}, {signal.name}")
     return doubts
 
 

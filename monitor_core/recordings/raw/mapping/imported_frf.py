@@ -11,14 +11,14 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.elements.files import naming
-from monitor_core.recordings.elements.units import quotient_of
 from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredResponse
 from monitor_core.recordings.raw.channels import Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.mapping.doubts import require_place
 from monitor_core.recordings.raw.mapping.imported import LeftOut, Progress, facts_of_file
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MappedChannel, ResponseLines, Tolerances
-from monitor_core.recordings.raw.mapping.mapped import in_si, signal_of
+from monitor_core.recordings.raw.mapping.mapped import signal_of
+from monitor_core.recordings.raw.mapping.stated_units import resolved_response
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +62,13 @@ def _measured(path: Path, lines: ResponseLines, channel_map: ChannelMap) -> tupl
     if facts.position is None:
         raise RecordingFormatError(f"{path.name} [window], position_mm: expected a number [mm]; it is missing")
     require_place(facts.position, path.name)
-    frequency, response, column = _read(channels, lines)
+    frequency, response, deviation, factor = _read(channels, lines)
     above = frequency > 0.0
     left = []
     if not above.all():
         left.append(LeftOut(f"{np.sum(~above)} of {above.size} lines of {path.name}", "they are not above 0 Hz"))
     frequency, response = frequency[above], response[above]
-    deviation = _deviation(lines, response, None if column is None else column[above], path.name)
+    deviation = _deviation(lines, response, None if deviation is None else deviation[above], factor, path.name)
     with naming(path.name):
         conditions = DriveConditions(
             position=facts.position,
@@ -82,13 +82,13 @@ def _measured(path: Path, lines: ResponseLines, channel_map: ChannelMap) -> tupl
         return MeasuredResponse(observation, facts.temperature), left
 
 
-def _read(channels: Channels, lines: ResponseLines) -> tuple[FloatArray, ComplexArray, FloatArray | None]:
-    """Return frequency [Hz], response and its standard deviation, where a column holds it, in SI."""
+def _read(channels: Channels, lines: ResponseLines) -> tuple[FloatArray, ComplexArray, FloatArray | None, float]:
+    """Return frequency [Hz], response, its standard deviation where a column holds it, and the factor to SI."""
     if lines.response is not None:
-        named = _response_named(channels, lines.response)
-        response: ComplexArray = named.response * lines.response.factor
+        named, source = _response_named(channels, lines.response)
+        response: ComplexArray = named.response * source.factor
         column = None if lines.deviation is None else _column(channels, lines.deviation)
-        return np.asarray(named.frequency, dtype=np.float64), response, column
+        return np.asarray(named.frequency, dtype=np.float64), response, column, source.factor
     if lines.frequency is None or lines.parts is None:
         raise RecordingFormatError(f"{channels.file_name}: expected columns of a frequency response")
     sources = [lines.frequency, *lines.parts, *([] if lines.deviation is None else [lines.deviation])]
@@ -97,46 +97,47 @@ def _read(channels: Channels, lines: ResponseLines) -> tuple[FloatArray, Complex
         got = ", ".join(f"{s.channel!r} {v.shape}" for s, v in zip(sources, columns, strict=True))
         raise RecordingFormatError(f"{channels.file_name}: expected channels of one length; got {got}")
     frequency, value, angle_or_imaginary, *deviation = columns
+    if lines.polar and np.any(value < 0.0):
+        raise RecordingFormatError(
+            f"{channels.file_name}, {sources[1].channel}: expected magnitudes of 0 or above; line "
+            f"{int(np.argmax(value < 0.0)) + 1} is below: "
+            f'decibels are said as unit = "dB re 1 {sources[1].unit or "m/(N.s2)"}"'
+        )
     whole: ComplexArray = value * np.exp(1j * angle_or_imaginary) if lines.polar else value + 1j * angle_or_imaginary
-    return frequency, whole, deviation[0] if deviation else None
+    _, first = signal_of(channels, lines.parts[0])
+    return frequency, whole, deviation[0] if deviation else None, first.factor
 
 
 def _column(channels: Channels, source: MappedChannel) -> FloatArray:
-    signal = signal_of(channels, source)
+    signal, source = signal_of(channels, source)
     if signal.samples.ndim != 1:
         raise RecordingFormatError(
             f"{channels.file_name}, {signal.name}: expected one column; got an array of shape {signal.samples.shape}: "
             "row or column takes one of it"
         )
-    return in_si(signal, source).astype(np.float64)
+    if source.in_decibels:
+        return source.factor * 10.0 ** (signal.samples.astype(np.float64) / 20.0)
+    samples: FloatArray = (signal.samples.astype(np.float64) - source.offset) * source.factor
+    return samples
 
 
-def _response_named(channels: Channels, source: MappedChannel) -> FrequencyResponse:
+def _response_named(channels: Channels, source: MappedChannel) -> tuple[FrequencyResponse, MappedChannel]:
     for response in channels.responses:
         if response.name == source.channel:
-            _require_quotient(response, source.unit, f"{channels.file_name}, {response.name}")
-            return response
+            return response, resolved_response(source, response, f"{channels.file_name}, {response.name}")
     there = ", ".join(repr(response.name) for response in channels.responses[:20]) or "none"
     raise RecordingFormatError(
         f"{channels.file_name}: expected a frequency response {source.channel!r}; the file has {there}"
     )
 
 
-def _require_quotient(response: FrequencyResponse, in_map: str, where: str) -> None:
-    """Refuse units that the file contradicts, of the response or of what it is divided by."""
-    if response.response_unit is None or response.reference_unit is None:
-        return
-    in_file = f"({response.response_unit})/({response.reference_unit})"
-    of_file, of_map = quotient_of(in_file), quotient_of(in_map)
-    if of_file is not None and of_map is not None and of_file != of_map:
-        raise RecordingFormatError(f"{where}: expected {in_map!r} as the map says; the file says {in_file!r}")
-
-
-def _deviation(lines: ResponseLines, response: ComplexArray, column: FloatArray | None, where: str) -> FloatArray:
+def _deviation(
+    lines: ResponseLines, response: ComplexArray, column: FloatArray | None, factor: float, where: str
+) -> FloatArray:
     if column is not None:
         return column
     if lines.standard_deviation is not None:
-        return np.full(response.size, lines.standard_deviation)
+        return np.full(response.size, lines.standard_deviation * factor)
     deviation: FloatArray = (lines.relative_deviation or 0.0) * np.abs(response)
     if not np.all(deviation > 0.0):
         raise RecordingFormatError(

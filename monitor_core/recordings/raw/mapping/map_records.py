@@ -1,5 +1,6 @@
 """Records of a channel map: what the channels of raw files mean, and what the files do not say."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, tzinfo
 from enum import StrEnum
@@ -25,15 +26,21 @@ class ResampleMethod(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MappedChannel:
-    """A channel of the file, what its numbers are in, and how they become SI: (number − offset) · factor."""
+    """A channel of the file, what its numbers are in, and how they become SI: (number − offset) · factor.
+
+    ``unit`` is empty and ``factor`` NaN where the map leaves the unit to the file: see ``stated_units.resolved``.
+    """
 
     channel: str
     unit: str
     factor: float
+    convert: Callable[..., float] = field(repr=False, compare=False)  # factor of a unit; place in ``where``
     offset: float = 0.0  # in the unit of the file
     row: int | None = None  # of a two-dimensional array, counted from 0
     column: int | None = None  # the same; at most one of the two
     time: str | None = None  # channel of the same file that holds the sampling times of this one
+    wraps_at: float | None = None  # numbers begin anew there, in the unit of the file
+    in_decibels: bool = False  # 20 lg of a magnitude by 1 of the unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +121,7 @@ class ResponseLines:
     frequency: MappedChannel | None
     parts: tuple[MappedChannel, MappedChannel] | None  # real and imaginary part, or magnitude and phase
     polar: bool  # the latter
-    standard_deviation: float | None  # of real and imaginary part, SI
+    standard_deviation: float | None  # of real and imaginary part, in the unit of the response
     relative_deviation: float | None  # the same, of the magnitude of each line
     deviation: MappedChannel | None  # the same, a column
     resolution: float  # [Hz]

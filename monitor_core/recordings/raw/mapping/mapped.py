@@ -8,7 +8,8 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.units import Quantity, canonical_unit, factor_to_si
+from monitor_core.recordings.elements.units import Quantity, factor_to_si
+from monitor_core.recordings.raw.channel_kind import unit_in_name
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.mapping.clocks import (
     Clock,
@@ -18,7 +19,9 @@ from monitor_core.recordings.raw.mapping.clocks import (
     resample,
     seconds_apart,
 )
+from monitor_core.recordings.raw.mapping.counts import unwrapped
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MappedChannel, TimeSource
+from monitor_core.recordings.raw.mapping.stated_units import agreed_unit, resolved
 from monitor_core.recordings.raw.mapping.times import times_of
 
 
@@ -42,8 +45,9 @@ def take_record(channels: Channels, sources: Sequence[MappedChannel], channel_ma
     the file, a sample rate stated twice or not at all, lengths or clocks that differ where nothing is to be resampled.
     """
     where = channels.file_name
-    signals = [signal_of(channels, source) for source in sources]
-    values = [in_si(signal, source) for signal, source in zip(signals, sources, strict=True)]
+    taken = [signal_of(channels, source) for source in sources]
+    signals = [signal for signal, _ in taken]
+    values = [in_si(signal, source, f"{where}, {signal.name}") for signal, source in taken]
     clocks, remarks = _clocks(channels, signals, sources, channel_map)
     names, lengths = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
     started_at = next((clock.started_at for clock in clocks if clock.started_at is not None), None)
@@ -63,23 +67,19 @@ def take_record(channels: Channels, sources: Sequence[MappedChannel], channel_ma
     return Record(where, names, tuple(values), clocks[0].sample_rate or 0.0, started_at, 0.0, remarks)
 
 
-def signal_of(channels: Channels, source: MappedChannel) -> Channel:
-    """Return a channel that the map names, or the row or column of it; its unit must not contradict the map's."""
+def signal_of(channels: Channels, source: MappedChannel) -> tuple[Channel, MappedChannel]:
+    """Return a channel that the map names, or the row or column of it, and what its numbers are in.
+
+    Raises as :func:`resolved`, and if there is no such channel.
+    """
     channel = channels.channel(source.channel)
-    require_unit(channel.unit, source.unit, f"{channels.file_name}, {channel.name}")
-    return _part(channel, source.row, source.column, channels.file_name)
+    source = resolved(source, channel, f"{channels.file_name}, {channel.name}")
+    return _part(channel, source.row, source.column, channels.file_name), source
 
 
-def require_unit(in_file: str | None, in_map: str, where: str) -> None:
-    """Refuse a unit that the file contradicts; one that is not known here says nothing."""
-    of_file = canonical_unit(in_file)
-    if of_file is not None and of_file != (canonical_unit(in_map) or in_map):
-        raise RecordingFormatError(f"{where}: expected {in_map!r} as the map says; the file says {in_file!r}")
-
-
-def in_si(channel: Channel, source: MappedChannel) -> SampleArray:
-    """Return the samples in SI; single precision stays single."""
-    samples = channel.samples
+def in_si(channel: Channel, source: MappedChannel, where: str) -> SampleArray:
+    """Return the samples in SI, unwrapped; single precision stays single."""
+    samples = unwrapped(channel.samples, source, where)
     if source.offset != 0.0:
         samples = samples - samples.dtype.type(source.offset)
     samples = samples if source.factor == 1.0 else samples * source.factor
@@ -157,15 +157,9 @@ def _clock_of_channel(
         clock, remarks = clock_of_times(seconds, printed_digit(seconds), where)
         return replace(clock, started_at=start), remarks
     channel = channels.channel(name)
-    if unit is not None:
-        require_unit(channel.unit, unit, where)
+    stated = agreed_unit(channel.unit, unit_in_name(channel.name), unit or "", where)
     if time is not None and name == time.channel:
         channel = _part(channel, time.row, time.column, channels.file_name)
-    stated = unit if unit is not None else canonical_unit(channel.unit)
-    if stated is None:
-        raise RecordingFormatError(
-            f"{where}: expected the unit of these sampling times in a table [time]; neither file nor map states it"
-        )
     factor = factor_to_si(stated, Quantity.TIME, where)
     times: FloatArray = channel.samples.astype(np.float64) * factor
     clock, remarks = clock_of_times(times, printed_digit(channel.samples.reshape(-1)) * factor, where)

@@ -1,0 +1,73 @@
+"""Unwrap numbers that begin anew: a position modulo the lead or a turn, a count of 16 bits.
+
+Unwrapped where the map says where they wrap (``wraps_at``); else refused, since a jump back is no travel.
+"""
+
+import numpy as np
+
+from monitor_core.arrays import BoolArray, FloatArray, SampleArray
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.raw.mapping.map_records import MappedChannel
+
+#: Where counts wrap: converters and encoders of so many bits, a turn in degrees, gon or radians.
+_USUAL = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 18, 20, 24, 32)), 360.0, 400.0, 2.0 * np.pi)
+#: A step by more than this share of all that is covered is no motion of one sample …
+_JUMP = 0.6
+#: … where steps are usually below that share of it.
+_USUAL_STEP = 0.1
+#: So many steps on either side of a jump show which way it went.
+_N_AROUND = 4
+_TOLERANCE = 0.02  # of a usual count: the sample before the wrap stands below it
+
+
+def unwrapped(samples: SampleArray, source: MappedChannel, where: str) -> SampleArray:
+    """Return numbers that go on where they began anew; others as they are.
+
+    ``RecordingFormatError`` if they wrap and the map does not say where.
+
+    Examples
+    --------
+    >>> turns = MappedChannel("a", "deg", 1.0, float, wraps_at=360.0)
+    >>> unwrapped(np.array([350.0, 355.0, 0.0, 5.0]), turns, "example").tolist()
+    [350.0, 355.0, 360.0, 365.0]
+
+    """
+    if samples.ndim != 1 or samples.size < 3:
+        return samples
+    if source.wraps_at is not None:
+        is_finite = np.isfinite(samples)
+        going_on = samples.astype(np.float64)
+        going_on[is_finite] = np.unwrap(going_on[is_finite], period=source.wraps_at)
+        return going_on
+    finite = samples[np.isfinite(samples)].astype(np.float64)
+    if finite.size < samples.size // 2 + 1:
+        return samples
+    steps: FloatArray = np.diff(samples.astype(np.float64))
+    wraps = _wraps(steps, float(np.ptp(finite)))
+    if wraps.any():
+        first = int(np.argmax(wraps))
+        size = float(np.max(np.abs(steps[wraps])))
+        usual = next((count for count in _USUAL if abs(count - size) <= _TOLERANCE * count), None)
+        count = "where they do" if usual is None else f"{usual:.12g}"
+        raise RecordingFormatError(
+            f"{where}: expected numbers that do not begin anew; they jump by {steps[first]:.6g} behind sample {first}, "
+            f"against the way they go, as a count that wraps: wraps_at = {count} in the map unwraps them"
+        )
+    return samples
+
+
+@np.errstate(invalid="ignore")
+def _wraps(steps: FloatArray, covered: float) -> BoolArray:
+    """Tell which steps are jumps of nearly all that is covered, against the motion before and behind them."""
+    size = np.abs(steps)
+    jumps: BoolArray = size > _JUMP * covered
+    if not covered > 0.0 or not jumps.any() or not np.nanmedian(size) < _USUAL_STEP * covered:
+        return np.zeros_like(jumps)
+    slow = np.where(jumps | ~np.isfinite(steps), 0.0, steps)
+    along = np.concatenate(([0.0], np.cumsum(slow)))
+    at = np.flatnonzero(jumps)
+    before = along[at] - along[np.maximum(at - _N_AROUND, 0)]
+    behind = along[np.minimum(at + 1 + _N_AROUND, along.size - 1)] - along[at + 1]
+    against = (before * steps[at] <= 0.0) & (behind * steps[at] <= 0.0) & (before * behind > 0.0)
+    jumps[at[~against]] = False
+    return jumps
