@@ -13,6 +13,7 @@ from service.store.tables import AuditRow, BrowserSessionRow, KeyRow, UserRow
 ADMINISTRATOR = "administrator"
 #: What the log calls that somebody may try to log in again.
 UNLOCK = "user unlock"
+_LOG_IN = "log in"
 #: Answers that refuse who asks: without a right key or password, without the right to it, after too many wrong ones.
 REFUSING_STATUS = (401, 403, 429)
 
@@ -66,6 +67,21 @@ def list_audit(session: Session, *, axis_id: str | None, before_id: int | None, 
     if before_id is not None:
         query = query.where(AuditRow.id < before_id)
     return list(session.scalars(query.order_by(AuditRow.id.desc()).limit(limit)))
+
+
+def note_login(session: Session, name: str, host: str, at: datetime) -> None:
+    """Write into the log that a user logged in."""
+    session.add(AuditRow(at=at, who=f"user {name}", action=_LOG_IN, target=_from(host), status=200))
+
+
+def logged_in_since(session: Session, name: str, host: str, at: datetime) -> bool:
+    """Return whether a user has logged in from a host after a moment, as the log says."""
+    logins = select(AuditRow.id).where(AuditRow.action == _LOG_IN, AuditRow.target == _from(host))
+    return session.scalar(logins.where(AuditRow.who == f"user {name}", AuditRow.at > at).limit(1)) is not None
+
+
+def _from(host: str) -> str:
+    return f"/login from {host}"
 
 
 def newest_entry(session: Session) -> int:

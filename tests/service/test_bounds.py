@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import time
 from collections.abc import Iterable, Iterator
 from datetime import timedelta
@@ -10,11 +11,13 @@ from typing import Any
 import httpx
 import pytest
 
+from monitor_core.recordings.calibration_file import calibration_document
 from monitor_core.recordings.model_file import parse_model
 from service.cli.remote.client import window_document
 from tests.browser.states import CONFIGURATION, WORN, learn, measure, measurement
 from tests.service.conftest import START, Api, readings, running_service
-from tests.service.sweep import FEW, SWEPT, Description, NumberField
+from tests.recordings.test_calibration_file import FULL, WITNESSED
+from tests.service.sweep import FEW, SWEPT, Description, NumberField, Pointer, numbers_in
 from tests.service.test_cli_identify import MODEL
 from tests.service.test_identifications import published_peaks
 from tests.service.test_ingest import as_lists
@@ -140,3 +143,94 @@ def test_numbers_of_a_model_are_answered_or_refused(alarmed: Api, subtests: pyte
                 ]
                 assert all(answer.status_code < 500 for answer in answers), (value, [a.text for a in answers])
                 assert time.process_time() - began < MOST_CPU_S, value
+
+
+# --- numbers of a calibration that is brought ------------------------------------------------------------------------
+
+#: What rests on the calibrations of an axis.
+RESTING = (
+    "/v1/axes/{axis}/measurements/1/evidence",
+    "/v1/axes/{axis}/measurements/{number}",
+    "/v1/axes/{axis}/trend",
+    "/v1/axes/{axis}/calibration-plan",
+    "/axes/{axis}/measurements/1",
+    "/axes/{axis}/measurements/{number}",
+    "/axes/{axis}/calibrations/{calibration}",
+    "/axes/{axis}/calibrate",
+    "/axes/{axis}",
+)
+
+
+class Brought:
+    """An axis that is measured once, and then by each calibration that it takes."""
+
+    def __init__(self, api: Api, axis: str) -> None:
+        self._api, self.axis, self._days = api, axis, itertools.count()
+        api.register(axis, **CONFIGURATION)
+        self._measure()
+
+    def ask(self, method: str, path: str, expected: tuple[int, ...] = (200,), **more: Any) -> httpx.Response:
+        began = time.process_time()
+        answer = self._api.http.request(method, path.format(axis=self.axis, **more.pop("names", {})), **more)
+        took = time.process_time() - began
+        assert answer.status_code in expected, (path, answer.text)
+        assert took < MOST_CPU_S, (path, took)
+        return answer
+
+    def _measure(self) -> int:
+        answer = self._api.accept(self.axis, measurement(self.axis, next(self._days)))
+        (measured,) = answer["measurements"]
+        assert measured["reason"] != "fit-failed"
+        return int(measured["measurement_id"])
+
+    def try_out(self, document: dict[str, Any], *, resting: Iterable[str] = RESTING) -> bool:
+        """Bring a calibration and ask for all that rests on it; return whether it is taken."""
+        brought = self.ask("POST", "/v1/axes/{axis}/calibrations", (201, 422), json={"document": document})
+        if brought.status_code == 422:
+            return False
+        names = {"calibration": brought.json()["id"]}
+        activate = "/v1/axes/{axis}/calibrations/{calibration}/activate"
+        self.ask("POST", activate, json={"reason": "swept"}, names=names)
+        names["number"] = self._measure()
+        for path in resting:
+            self.ask("GET", path, names=names, headers={"accept": "text/html"} if path.startswith("/axes") else {})
+        return True
+
+
+def with_number(document: dict[str, Any], pointer: Pointer, value: float) -> dict[str, Any]:
+    """Return a calibration with this number in its place; a covariance stays symmetric."""
+    changed = json.loads(json.dumps(document))
+    mirrored = (*pointer[:-2], pointer[-1], pointer[-2]) if "covariance" in pointer else pointer
+    for *steps, last in (pointer, mirrored):
+        place = changed
+        for step in steps:
+            place = place[step]
+        place[last] = value
+    return changed
+
+
+def numbers_of(document: dict[str, Any]) -> Iterator[tuple[Pointer, float]]:
+    for pointer, place in numbers_in(json.loads(json.dumps(document))):
+        if not ("covariance" in pointer and pointer[-1] < pointer[-2]):
+            yield pointer, place[pointer[-1]]
+
+
+def beside(stated: float) -> tuple[float, ...]:
+    """Return what is near a number that is taken."""
+    nearest = (stated - 1, stated + 1) if isinstance(stated, int) else (
+        math.nextafter(stated, -math.inf), math.nextafter(stated, math.inf)
+    )  # fmt: skip
+    return (-stated, 0.5 * stated, 2.0 * stated, *nearest)
+
+
+@pytest.mark.release
+def test_every_number_of_a_calibration_that_is_brought_is_answered_or_refused(
+    shared_api: Api, subtests: pytest.Subtests
+) -> None:
+    for name, calibration in (("plain", FULL), ("witnessed", WITNESSED)):
+        axis, document = Brought(shared_api, name), calibration_document(calibration)
+        assert axis.try_out(document)
+        for pointer, stated in numbers_of(document):
+            with subtests.test(f"{name} {'.'.join(map(str, pointer))}"):
+                for value in (*SWEPT, *beside(stated)):
+                    axis.try_out(with_number(document, pointer, value))

@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
@@ -26,6 +27,7 @@ from service.operations.access.scopes import EVERYTHING, Scope
 from service.operations.access.throttle import (
     FORGOTTEN_AFTER_S,
     FREE_TRIES,
+    FREE_TRIES_AT_A_NAME,
     LONGEST_WAIT_S,
     MOST_ADDRESSES,
     LoginThrottle,
@@ -77,6 +79,29 @@ def refused_entries(service: Closed) -> list[dict[str, Any]]:
 def test_guesses_from_thirty_addresses_do_not_keep_the_owner_out(behind_proxy: Closed) -> None:
     guesses = [log_in(behind_proxy, f"203.0.113.{n // 2}").status_code for n in range(60)]
     assert guesses == [401] * 60
+    assert log_in(behind_proxy, OWNER, password=PASSWORD).status_code == 303
+
+
+def test_guesses_from_ever_new_networks_are_slowed_and_do_not_keep_the_owner_out(behind_proxy: Closed) -> None:
+    """A customer of a provider has 65,536 networks of IPv6, each of as many addresses as there are."""
+    assert log_in(behind_proxy, OWNER, password=PASSWORD).status_code == 303
+    guesses = [log_in(behind_proxy, f"2001:db8:0:{n:x}::1").status_code for n in range(FREE_TRIES_AT_A_NAME + 20)]
+    assert guesses == [401] * FREE_TRIES_AT_A_NAME + [429] * 20
+    assert log_in(behind_proxy, "2001:db8::1", password=PASSWORD).status_code == 429
+    assert log_in(behind_proxy, "2001:db8::1", name="carl", password=PASSWORD).status_code == 303
+    behind_proxy.access.forget()
+    assert log_in(behind_proxy, OWNER).status_code == 401  # where the owner logged in, slips cost what they did
+    assert log_in(behind_proxy, OWNER, password=PASSWORD).status_code == 303
+
+
+def test_an_unlock_opens_a_name_that_was_guessed_at_from_everywhere(
+    behind_proxy: Closed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(access, "FRESH_S", 0.0)
+    for n in range(FREE_TRIES_AT_A_NAME):
+        log_in(behind_proxy, f"2001:db8:0:{n:x}::1")
+    assert log_in(behind_proxy, OWNER, password=PASSWORD).status_code == 429
+    unlock(behind_proxy, "anna")
     assert log_in(behind_proxy, OWNER, password=PASSWORD).status_code == 303
 
 
@@ -217,7 +242,8 @@ def test_passwords_of_opc_ua_go_through_the_same_counter(caplog: pytest.LogCaptu
 
 
 async def guess_at_opcua(caplog: pytest.LogCaptureFixture) -> None:
-    server, port = Server(iserver=Sessions(user_manager=OneUser("control", PASSWORD))), free_port()
+    users = OneUser("control", PASSWORD)
+    server, port, throttle = Server(iserver=Sessions(user_manager=users)), free_port(), users._throttle
     await server.init()
     server.set_endpoint(f"opc.tcp://127.0.0.1:{port}/preload")
     server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
@@ -242,9 +268,14 @@ async def guess_at_opcua(caplog: pytest.LogCaptureFixture) -> None:
         for _ in range(2):
             assert not await is_let_in("127.0.0.1", PASSWORD)  # it has to wait, also with the right one
         assert await is_let_in("127.0.0.2", PASSWORD)
+        for n in range(FREE_TRIES_AT_A_NAME - FREE_TRIES):
+            throttle.begin(f"203.0.113.{n}", "control", at_s=time.monotonic())
+        assert not await is_let_in("127.0.0.3", PASSWORD)
+        assert await is_let_in("127.0.0.2", PASSWORD)  # where the right one came from before
     told = [record.getMessage() for record in caplog.records if record.name == opcua_login.__name__]
-    assert told[:-1] == ["OPC UA: a wrong name or password came from 127.0.0.1"] * FREE_TRIES
-    assert told[-1].startswith("OPC UA: 127.0.0.1 has to wait")  # once
+    assert told[:-2] == ["OPC UA: a wrong name or password came from 127.0.0.1"] * FREE_TRIES
+    assert told[-2].startswith("OPC UA: 127.0.0.1 has to wait")  # once
+    assert told[-1].startswith("OPC UA: 127.0.0.3 has to wait")
 
 
 # --- the counter -----------------------------------------------------------------------------------------------------
@@ -265,6 +296,18 @@ def test_each_wrong_try_doubles_the_wait() -> None:
     assert throttle.begin(OWNER, "anna", at_s=at_s + FORGOTTEN_AFTER_S + 1.0) == 0.0
 
 
+def test_a_name_forgives_as_one_address_does() -> None:
+    """An hour of guesses from everywhere: the free ones, and one more each time that it forgives."""
+    throttle, right = LoginThrottle(), 0
+    for second in range(3600):
+        hosts = (f"2001:db8:{second:x}:{n:x}::1" for n in range(2))
+        right += sum(throttle.begin(host, "anna", at_s=float(second)) == 0.0 for host in hosts)
+    assert right == FREE_TRIES_AT_A_NAME + 3600 // LONGEST_WAIT_S - 1
+    for n in range(2 * FREE_TRIES_AT_A_NAME):  # of whoever knows the password nothing is left
+        assert throttle.begin(f"192.0.2.{n}", "carl", at_s=0.0) == 0.0
+        throttle.right(f"192.0.2.{n}", "carl")
+
+
 def test_all_addresses_of_a_host_are_one() -> None:
     throttle = LoginThrottle()
     for n in range(FREE_TRIES):
@@ -279,7 +322,7 @@ def test_the_counter_takes_a_bounded_memory() -> None:
     for _ in range(FREE_TRIES):
         throttle.begin(ATTACKER, "anna", at_s=0.0)
     for n in range(2 * MOST_ADDRESSES):
-        throttle.begin(f"10.{n >> 16}.{n >> 8 & 255}.{n & 255}", "anna", at_s=0.0)
+        throttle.begin(f"10.{n >> 16}.{n >> 8 & 255}.{n & 255}", f"{n}", at_s=0.0)
         if n % (MOST_ADDRESSES // 2) == 0:
             assert throttle.begin(ATTACKER, "anna", at_s=0.0) == 1.0
     assert len(throttle._tries) == MOST_ADDRESSES

@@ -23,6 +23,8 @@ _ASKED_AGAIN_S = 0.2
 #: The moment of last use of a key is written so often.
 _NOTED_EVERY_S = 60.0
 SESSION_LASTS = timedelta(hours=12)
+#: So long those who guess elsewhere keep nobody out who logged in from an address.
+KNOWN_FOR = timedelta(days=90)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,17 +82,16 @@ class Access:
 
         Raises UnauthenticatedError if there is no such user with this password; TooManyTriesError after too many tries.
         """
-        counted_as = self.name_of(name)
-        self._begin_try(address, counted_as)
+        self._begin_try(address, name)
         try:
             is_right = self._is_right(name, password)
         except ServiceError:
-            self.wrong_logins.withdraw(address, counted_as)
+            self.wrong_logins.withdraw(address, name)
             raise
         if not is_right:
             raise UnauthenticatedError("there is no such user with this password")
-        self.wrong_logins.right(address, counted_as)
-        token, at, source = new_token(), now(), f"/login from {host_of(address)}"
+        self.wrong_logins.right(address, name)
+        token, at = new_token(), now()
         with self._database.write() as session:
             access.drop_expired_sessions(session, at)
             session.add(
@@ -98,7 +99,7 @@ class Access:
                     token_sha256=fingerprint(token), user_name=name, created_at=at, expires_at=at + SESSION_LASTS
                 )
             )
-            session.add(AuditRow(at=at, who=f"user {name}", action="log in", target=source, status=200))
+            access.note_login(session, name, host_of(address), at)
         self.forget()
         return token, at + SESSION_LASTS
 
@@ -143,7 +144,7 @@ class Access:
     def _of_key(self, callers: _Known, key: str, address: str) -> Caller:
         stored = callers.keys.get(fingerprint(key))
         if stored is None or (stored[2] is not None and stored[2] <= now()):
-            wait_s = self.wrong_keys.begin(address, "", at_s=time.monotonic())
+            wait_s = self.wrong_keys.begin(address, None, at_s=time.monotonic())
             if wait_s > 0.0:
                 raise TooManyTriesError(f"too many wrong keys from this address; {_later(wait_s)}", wait_s)
             raise UnauthenticatedError(
@@ -155,15 +156,21 @@ class Access:
 
     def _begin_try(self, address: str, name: str) -> None:
         """Count a login as a wrong one until it is known to be right."""
-        wait_s = self.wrong_logins.begin(address, name, at_s=time.monotonic())
+        is_known = self.wrong_logins.is_crowded(name, at_s=time.monotonic()) and self._knows(name, address)
+        wait_s = self.wrong_logins.begin(address, name, at_s=time.monotonic(), is_known=is_known)
         if wait_s > 0.0 and self._note_unlocks():
-            wait_s = self.wrong_logins.begin(address, name, at_s=time.monotonic())
+            wait_s = self.wrong_logins.begin(address, name, at_s=time.monotonic(), is_known=is_known)
         if wait_s > 0.0:
             raise TooManyTriesError(
-                f"too many wrong passwords from this address; {_later(wait_s)}, or ask an administrator for "
-                "`preload user unlock`",
+                "too many wrong passwords from this address, or for this name from addresses where it did not log in "
+                f"before; {_later(wait_s)}, or ask an administrator for `preload user unlock`",
                 wait_s,
             )
+
+    def _knows(self, name: str, address: str) -> bool:
+        """Return whether somebody logged in by this name from this address, not long ago."""
+        with self._database.read() as session:
+            return access.logged_in_since(session, name, host_of(address), now() - KNOWN_FOR)
 
     def _is_right(self, name: str, password: str) -> bool:
         with self._database.read() as session:
@@ -182,7 +189,7 @@ class Access:
                 names = access.unlocked_names(session, self._unlocked_until, newest)
             self._asked_for_unlocks_s, self._unlocked_until = time.monotonic(), newest
         for name in names:
-            self.wrong_logins.unlock(f"user {name}")
+            self.wrong_logins.unlock(name)
         return bool(names)
 
     def _fresh(self, cookie: str | None) -> _Known:
