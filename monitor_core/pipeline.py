@@ -123,17 +123,26 @@ def _usable_band(window: Window) -> tuple[float, float]:
 
 def check_window(window: Window, settings: AxisSettings, calibration: Calibration | None) -> Rejection | None:
     """Return why a window on its own is not fit to be averaged, or ``None``."""
-    gate, (low, high) = settings.quality, search_band(settings, calibration, window)
-    if not low < high < 0.5 * window.sample_rate:
-        return Rejection(
-            RejectionReason.SAMPLE_RATE_MISMATCH,
-            f"the mode is looked for up to {high:g} Hz, which needs more than {2.0 * high:g} Hz sampling rate; "
-            f"got {window.sample_rate:g} Hz",
-        )
+    gate, band = settings.quality, search_band(settings, calibration, window)
+    if (refusal := _sampled_too_slowly(window, band)) is not None:
+        return refusal
+    low, high = band
     if calibration is not None and calibration.excitation_level is not None:
         least = EXCITATION_SHARE * calibration.excitation_level * math.sqrt(high - low)
         gate = replace(gate, minimum_band_excitation=least)
-    return gate_window(window, gate, band=(low, high))
+    return gate_window(window, gate, band=band)
+
+
+def _sampled_too_slowly(window: Window, band: tuple[float, float]) -> Rejection | None:
+    """Return why a band is not in the spectrum of a window, or ``None``."""
+    low, high = band
+    if low < high < 0.5 * window.sample_rate:
+        return None
+    return Rejection(
+        RejectionReason.SAMPLE_RATE_MISMATCH,
+        f"the mode is looked for up to {high:g} Hz, which needs more than {2.0 * high:g} Hz sampling rate; "
+        f"got {window.sample_rate:g} Hz",
+    )
 
 
 def judge_measurement(
@@ -141,13 +150,14 @@ def judge_measurement(
 ) -> MeasurementOutcome:
     """Average the accepted windows of one measurement, find the mode, and turn it into a preload.
 
-    The windows, at least one, are those of one measurement at one position that :func:`check_window` accepts. Without a
-    calibration the mode is measured and the preload refused as ``not-calibrated``; the outcome holds estimates, or the
-    named reasons why there are none.
+    The windows, at least one, are those of one measurement at one position that :func:`check_window` accepts, by this
+    calibration or by one before it. Without a calibration the mode is measured and the preload refused as
+    ``not-calibrated``; the outcome holds estimates, or the named reasons why there are none.
     """
-    modal = measure_mode(
+    band = search_band(settings, calibration, windows[0])
+    modal = _sampled_too_slowly(windows[0], band) or measure_mode(
         windows,
-        band=search_band(settings, calibration, windows[0]),
+        band=band,
         gate=settings.mode,
         phase=None if calibration is None else calibration.phase_reference,
         maximum_modes=2 if calibration is None else calibration.maximum_modes,

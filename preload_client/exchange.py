@@ -150,7 +150,10 @@ def tls_context(ca_file: Path | str | None = None) -> ssl.SSLContext:
 
     Raises OSError if the file cannot be read or holds no certificate.
     """
-    context = ssl.create_default_context(cafile=ca_file)
+    try:
+        context = ssl.create_default_context(cafile=ca_file)
+    except OSError as error:
+        raise OSError(f"the certificates in {ca_file} cannot be read: {error}") from error
     context.sslsocket_class = _BoundedTlsSocket
     return context
 

@@ -3,7 +3,6 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from fastapi import Depends, FastAPI
@@ -64,7 +63,7 @@ from service.operations.recordings.recordings import CHECK, KIND as IMPORT, Reco
 from service.operations.recordings.stored_windows import StoredWindows
 from service.operations.retention import Surveys, rule_of
 from service.operations.trial.trial import Trials
-from service.settings import Settings
+from service.settings import VERSION, Settings
 from service.store.axes import counted
 from service.store.database import Database
 from service.store.jobs import ReportStore
@@ -120,7 +119,7 @@ def create_app(settings: Settings) -> FastAPI:
 
     app = FastAPIOffline(
         title="Preload Monitor",
-        version=version("preload-monitor"),
+        version=VERSION,
         description=DESCRIPTION,
         lifespan=lifespan,
         responses=PROBLEM_RESPONSES,

@@ -2,6 +2,7 @@
 
 import ipaddress
 import socket
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from service.errors import DataFolderError
 
+VERSION = version("preload-monitor")
 #: In a source checkout the bundled sessions stand beside the packages.
 BUNDLED_SESSIONS = Path(__file__).resolve().parent.parent / "replay_data"
 

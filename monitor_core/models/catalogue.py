@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended import ExtendedModel
+from monitor_core.models.extended import ExtendedModel, elastic_frequencies
 from monitor_core.models.parameters import name_in_file
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters
@@ -203,11 +203,8 @@ def _first_frequencies(
 ) -> FloatArray:
     """Return the first natural frequency under each condition [Hz]; OutsideValidityError where there is none."""
     model = ExtendedModel.of(parameters)
-    elastic = [
-        [mode.frequency for mode in modes if mode.frequency > 0.0]
-        for modes in model.natural_frequencies_under(conditions, motor_end)
-    ]
-    if not all(elastic):
+    elastic = elastic_frequencies(model, conditions, motor_end)
+    if not all(frequencies.size for frequencies in elastic):
         raise OutsideValidityError(
             f"expected an axis with a natural frequency below {model.highest_frequency:g} Hz; got one without: its "
             "screw is too short, or its mass too small"

@@ -25,6 +25,7 @@ from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.fields import format_instant, parse_instant
 from monitor_core.recordings.elements.files import read_text
 from monitor_core.recordings.elements.units import metres, to_millimetres
+from monitor_core.recordings.raw.channels import require_distinct
 
 REQUIRED = ("position_mm", "frequency_hz")
 COLUMNS = (
@@ -117,9 +118,8 @@ def write_modal_table(path: Path, rows: Iterable[ModalRow]) -> None:
 def _require_header(header: list[str], where: str) -> None:
     if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
         raise RecordingFormatError(f"{where}: expected columns separated by commas; got the header {header[0][:80]!r}")
+    require_distinct(header, where)
     for name in header:
-        if header.count(name) > 1:
-            raise RecordingFormatError(f"{where}: expected columns of different names; got {name!r} twice")
         meant = _meant(name)
         if meant is not None:
             raise RecordingFormatError(f"{where}: expected the column {meant!r}; got {name!r}")

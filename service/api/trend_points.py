@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
-from importlib.metadata import version
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -24,6 +23,7 @@ from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment
 from service.operations.monitoring.extremes import thin_out
 from service.operations.monitoring.trend import Only, ToldPage
+from service.settings import VERSION
 from service.store.rejudged import Stale
 from service.store.tables import moment_of
 from service.store.trend.points import Span
@@ -210,11 +210,8 @@ def _page(axis: str, on: Services, query: TrendQuery) -> ToldPage:
     return replace(page, points=thin_out(page.points, most)).told()
 
 
-_VERSION: Final = version("preload-monitor")
-
-
 def _etag(query: TrendQuery, revision: int, stale: Stale | None) -> str:
-    asked = f"{_VERSION} {query.model_dump_json()} {stale}"
+    asked = f"{VERSION} {query.model_dump_json()} {stale}"
     return f'"{revision}-{hashlib.sha256(asked.encode()).hexdigest()[:16]}"'
 
 

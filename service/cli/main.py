@@ -3,7 +3,6 @@
 import gc
 import sys
 from importlib import import_module
-from importlib.metadata import version
 
 import click
 from pydantic import ValidationError
@@ -81,7 +80,7 @@ class _Commands(click.Group):
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(version("preload-monitor"), prog_name="preload")
+@click.version_option(package_name="preload-monitor", prog_name="preload")
 def preload() -> None:
     """Ball-screw preload in newtons from motor torque and nut acceleration."""
 

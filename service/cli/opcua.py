@@ -2,12 +2,11 @@
 
 import asyncio
 import logging
-import os
 import signal
 
 import click
 
-from service.cli.options import url_option
+from service.cli.options import url_option, who_asks
 from service.errors import DataFolderError
 from service.observability import configure_logging
 
@@ -19,8 +18,6 @@ def opcua(url: str) -> None:
 
     Settings come from the environment (PRELOAD_OPCUA_*), the key of the service from PRELOAD_KEY.
     """
-    if not url.startswith(("http://", "https://")):
-        raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}")
     try:
         import asyncua  # noqa: F401, PLC0415  # an extra
     except ImportError as error:
@@ -35,7 +32,7 @@ def opcua(url: str) -> None:
         stopping = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, stopping.set)
-        key, ca_file = os.environ.get("PRELOAD_KEY"), os.environ.get("PRELOAD_CA_FILE")
+        key, ca_file = who_asks()
         await serve_opcua(settings, url, key, stopping, ca_file)
 
     asyncio.run(run())

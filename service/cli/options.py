@@ -1,5 +1,6 @@
 """Options that several commands take."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -9,8 +10,29 @@ import click
 _Command = TypeVar("_Command", bound=Callable[..., object])
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
-url_option = click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
 force_option = click.option("--force", is_flag=True, help="Replace an existing file.")
+
+
+def _address(_context: click.Context, _option: click.Parameter, url: str) -> str:
+    import httpx  # noqa: PLC0415  # most commands need no web
+
+    try:
+        is_address = httpx.URL(url).scheme in ("http", "https")
+    except httpx.InvalidURL:
+        is_address = False
+    if not is_address:
+        raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}")
+    return url
+
+
+url_option = click.option(
+    "--url", required=True, callback=_address, help="Address of the service, e.g. http://127.0.0.1:8710."
+)
+
+
+def who_asks() -> tuple[str | None, str | None]:
+    """Return the key of the service, and the file with the authority that signed its certificate, where stated."""
+    return os.environ.get("PRELOAD_KEY"), os.environ.get("PRELOAD_CA_FILE")
 
 
 def data_dir_option(words: str = "Data of the service") -> Callable[[_Command], _Command]:

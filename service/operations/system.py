@@ -4,10 +4,10 @@ import platform
 from collections import Counter
 from dataclasses import dataclass
 from datetime import datetime
-from importlib.metadata import version
 
 from service.observability import Metrics
 from service.operations.monitoring.intake.ingest import Ingest
+from service.settings import VERSION
 from service.store import axes, measurements
 from service.store.database import Database
 
@@ -62,7 +62,7 @@ def system_status(database: Database, metrics: Metrics, ingest: Ingest) -> Syste
         judging_s=metrics.mean_judging_s(),
     )
     versions = Versions(
-        program=version("preload-monitor"),
+        program=VERSION,
         schema=database.schema,
         database=database.engine.dialect.name,
         python=platform.python_version(),

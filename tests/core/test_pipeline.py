@@ -86,8 +86,11 @@ def test_every_window_of_the_calibration_has_the_level_it_asks_for(measurements,
 
 
 def test_a_rate_too_low_for_the_band_is_refused_by_name(measurements) -> None:
-    slow = replace(measurements[0][0], sample_rate=400.0)
-    assert refusal_of(slow, None) is RejectionReason.SAMPLE_RATE_MISMATCH
+    slow = [replace(window, sample_rate=400.0) for window in measurements[0]]
+    assert refusal_of(slow[0], None) is RejectionReason.SAMPLE_RATE_MISMATCH
+    refusal = judge_measurement(slow, SETTINGS, None).refusal  # windows that another calibration was in force for
+    assert refusal is not None
+    assert refusal.reason is RejectionReason.SAMPLE_RATE_MISMATCH
 
 
 def test_another_payload_needs_its_moving_mass(measurements, calibration) -> None:

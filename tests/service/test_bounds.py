@@ -15,8 +15,8 @@ from monitor_core.recordings.calibration_file import calibration_document
 from monitor_core.recordings.model_file import parse_model
 from service.cli.remote.client import window_document
 from tests.browser.states import CONFIGURATION, WORN, learn, measure, measurement
-from tests.service.conftest import START, Api, readings, running_service
 from tests.recordings.test_calibration_file import FULL, WITNESSED
+from tests.service.conftest import START, Api, readings, running_service
 from tests.service.sweep import FEW, SWEPT, Description, NumberField, Pointer, numbers_in
 from tests.service.test_cli_identify import MODEL
 from tests.service.test_identifications import published_peaks

@@ -24,7 +24,7 @@ from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.fitting.problem import central_differences
 from monitor_core.fitting.residuals.peak_search import IndexArray, relative_frequency_uncertainty
-from monitor_core.models.extended import ExtendedModel
+from monitor_core.models.extended import elastic_frequencies
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 
 #: Standard deviation of a frequency without a stated uncertainty: what two modal tests of one machine differ by.
@@ -232,14 +232,3 @@ def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, larges
                 f"{elastic[away[k].argmin()]:.0f} Hz; average repeated readings, leave out what is no mode"
             )
     return np.array([placed[k] + 1 for k in range(len(here))])
-
-
-def elastic_frequencies(
-    model: DriveModel, conditions: Sequence[DriveConditions], motor_end: MotorEnd | None = None
-) -> list[FloatArray]:
-    """Return the natural frequencies above zero under each of the conditions, rising, shape (n_modes,) each [Hz]."""
-    if isinstance(model, ExtendedModel):
-        modes_of_each = model.natural_frequencies_under(conditions, motor_end)
-    else:
-        modes_of_each = tuple(model.natural_frequencies(stated, motor_end) for stated in conditions)
-    return [np.array([mode.frequency for mode in modes if mode.frequency > 0.0]) for modes in modes_of_each]

@@ -18,10 +18,10 @@ from monitor_core.fitting.residuals.lines import ResidualForm, ResponseProblem, 
 from monitor_core.fitting.residuals.natural_frequencies import (
     NaturalFrequencyProblem,
     assign_by_frequency,
-    elastic_frequencies,
     natural_frequency_problem,
 )
 from monitor_core.fitting.residuals.response_factors import KNOWN_TO_5_PERCENT, FactorTolerance
+from monitor_core.models.extended import elastic_frequencies
 from monitor_core.models.protocol import DriveConditions
 
 #: Positions that peaks are needed at: one position fits its own peaks with joints that fail elsewhere.

@@ -24,9 +24,9 @@ from monitor_core.errors import MonitorCoreError, NotIdentifiableError, OutsideV
 from monitor_core.fitting.coordinates import FreeParameters, is_spring
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation, conditions_in_order
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.residuals.natural_frequencies import elastic_frequencies
 from monitor_core.fitting.residuals.peak_search import relative_frequency_uncertainty
 from monitor_core.fitting.solver.least_squares import FitSettings, fit_local
+from monitor_core.models.extended import elastic_frequencies
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceModel
 from monitor_core.models.published.receptance.chain import discretise, undamped_frequencies

@@ -7,6 +7,7 @@ from monitor_core.models.extended.lines import (
 )
 from monitor_core.models.extended.model import (
     ExtendedModel as ExtendedModel,
+    elastic_frequencies as elastic_frequencies,
     paper_motor_end as paper_motor_end,
     physics_of as physics_of,
 )

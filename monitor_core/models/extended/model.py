@@ -21,6 +21,7 @@ from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.poles import circles_around
 from monitor_core.models.protocol import (
     DriveConditions,
+    DriveModel,
     ExcitationPoint,
     MotorEnd,
     NaturalFrequency,
@@ -188,3 +189,14 @@ class ExtendedModel:
         turning = screw.inertia_per_length * screw.length + screw.nut_segment_inertia + screw.motor_segment_inertia
         scale = 1.0 / np.sqrt(turning + rotor + i**2 * mass)
         return i * scale, scale
+
+
+def elastic_frequencies(
+    model: DriveModel, conditions: Sequence[DriveConditions], motor_end: MotorEnd | None = None
+) -> list[FloatArray]:
+    """Return the natural frequencies above zero under each of the conditions, rising, shape (n_modes,) each [Hz]."""
+    if isinstance(model, ExtendedModel):
+        modes_of_each = model.natural_frequencies_under(conditions, motor_end)
+    else:
+        modes_of_each = tuple(model.natural_frequencies(stated, motor_end) for stated in conditions)
+    return [np.array([mode.frequency for mode in modes if mode.frequency > 0.0]) for modes in modes_of_each]

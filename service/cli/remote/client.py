@@ -1,12 +1,10 @@
 """Call the service's own API over HTTP, for ``preload replay`` and ``preload demo``."""
 
-import os
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar, cast
 
 import click
-import httpx
 import msgpack
 import numpy as np
 from pydantic import BaseModel
@@ -15,6 +13,7 @@ import preload_client
 from monitor_core.recording import ExcitationQuantity, Window
 from monitor_core.recordings.elements.units import to_millimetres
 from service.api.http.body import MSGPACK_TYPE
+from service.cli.options import who_asks
 from service.json_types import JsonObject
 
 TIMEOUT_S = 120.0
@@ -53,15 +52,8 @@ class Client:
     """
 
     def __init__(self, url: str) -> None:
-        ca_file = os.environ.get("PRELOAD_CA_FILE")
-        try:
-            self._service = preload_client.Client(
-                url, os.environ.get("PRELOAD_KEY"), retries=0, timeout_s=TIMEOUT_S, ca_file=ca_file
-            )
-        except (httpx.InvalidURL, TypeError) as error:
-            raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}") from error
-        except OSError as error:
-            raise click.ClickException(f"the certificates in {ca_file} cannot be read: {error}") from error
+        key, ca_file = who_asks()
+        self._service = preload_client.Client(url, key, retries=0, timeout_s=TIMEOUT_S, ca_file=ca_file)
 
     def __enter__(self) -> Self:
         """Return itself."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from monitor_core.errors import MonitorCoreError
 from monitor_core.modal import GateReading, ModeReadings, averaged_response, gate_readings, read_gates
-from monitor_core.pipeline import MeasurementOutcome, check_window, judge_measurement, search_band, whole_band
+from monitor_core.pipeline import MeasurementOutcome, search_band, whole_band
 from monitor_core.preload import Calibration, PreloadLadder, expected_band, preload_ladder
-from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.recording import Rejection, Window
 from monitor_core.recordings.calibration_file import calibration_from_document
 from monitor_core.response import FrequencyResponse, ModalParameters
 from monitor_core.uncertainty import Estimate
@@ -19,6 +19,7 @@ from service.documents.stored_measurement import NOTHING_MEASURED, StoredMeasure
 from service.errors import LetGoError, WaveformDamagedError
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.chart_state import load_state
+from service.operations.monitoring.intake.judge import judge
 from service.operations.monitoring.stored_modes import accepted_windows
 from service.operations.monitoring.trend import MeasurementView
 from service.store import axes, calibrations, measurements
@@ -125,14 +126,8 @@ class MeasurementEvidence:
             rows = calibrations.list_calibrations(session, self.axis_id)
         judged_by = self.view.row.calibration_id
         chosen = [row for i, row in enumerate(rows) if i < MOST_CALIBRATIONS or row.id == judged_by]
-        return [OtherJudgement(row.id, self._judged_by(calibration_from_document(row.document))) for row in chosen]
-
-    def _judged_by(self, calibration: Calibration) -> MeasurementOutcome:
-        settings = core_settings(self.configuration)
-        refusal = check_window(self.windows[0], settings, calibration)
-        if refusal is not None and refusal.reason is RejectionReason.SAMPLE_RATE_MISMATCH:  # it is of a faster mode
-            return MeasurementOutcome(refusal, refusal, refusal)
-        return judge_measurement(self.windows, settings, calibration)
+        calibrated = ((row.id, calibration_from_document(row.document)) for row in chosen)
+        return [OtherJudgement(number, judge(self.windows, self.configuration, each)) for number, each in calibrated]
 
     def neighbours(self) -> tuple[int | None, int | None]:
         """Return the numbers of the measurements before and after it, in order of time."""

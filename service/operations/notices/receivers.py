@@ -174,7 +174,7 @@ def whom_to_believe(ca_file: Path | str | None) -> "SSLContext":
     try:
         return tls_context(ca_file)
     except OSError as error:
-        raise DataFolderError(f"the certificates in {ca_file} cannot be read: {error}") from error
+        raise DataFolderError(str(error)) from error
 
 
 def read_secret(path: Path) -> SecretStr:
