@@ -9,6 +9,7 @@ from datetime import timedelta
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 from monitor_core.recordings.calibration_file import calibration_document
@@ -16,7 +17,7 @@ from monitor_core.recordings.model_file import parse_model
 from service.cli.remote.client import window_document
 from tests.browser.states import CONFIGURATION, WORN, learn, measure, measurement
 from tests.recordings.test_calibration_file import FULL, WITNESSED
-from tests.service.conftest import START, Api, readings, running_service
+from tests.service.conftest import START, Api, readings, running_service, simulated_measurement
 from tests.service.sweep import FEW, SWEPT, Description, NumberField, Pointer, numbers_in
 from tests.service.test_cli_identify import MODEL
 from tests.service.test_identifications import published_peaks
@@ -147,10 +148,9 @@ def test_numbers_of_a_model_are_answered_or_refused(alarmed: Api, subtests: pyte
 
 # --- numbers of a calibration that is brought ------------------------------------------------------------------------
 
-#: What rests on the calibrations of an axis.
+#: What rests on the newest calibrations of an axis, and on the one in force.
+EVIDENCE, MEASURED = "/v1/axes/{axis}/measurements/1/evidence", "/v1/axes/{axis}/measurements/{number}"
 RESTING = (
-    "/v1/axes/{axis}/measurements/1/evidence",
-    "/v1/axes/{axis}/measurements/{number}",
     "/v1/axes/{axis}/trend",
     "/v1/axes/{axis}/calibration-plan",
     "/axes/{axis}/measurements/1",
@@ -165,36 +165,47 @@ class Brought:
     """An axis that is measured once, and then by each calibration that it takes."""
 
     def __init__(self, api: Api, axis: str) -> None:
-        self._api, self.axis, self._days = api, axis, itertools.count()
+        self._api, self.axis, self._hours = api, axis, itertools.count()
         api.register(axis, **CONFIGURATION)
-        self._measure()
+        self._names: dict[str, Any] = {"axis": axis, "calibration": None, "number": self._measure()}
 
-    def ask(self, method: str, path: str, expected: tuple[int, ...] = (200,), **more: Any) -> httpx.Response:
+    def _ask(self, method: str, path: str, expected: tuple[int, ...] = (200,), **body: Any) -> httpx.Response:
         began = time.process_time()
-        answer = self._api.http.request(method, path.format(axis=self.axis, **more.pop("names", {})), **more)
+        answer = self._api.http.request(method, path.format(**self._names), **body)
         took = time.process_time() - began
         assert answer.status_code in expected, (path, answer.text)
         assert took < MOST_CPU_S, (path, took)
         return answer
 
     def _measure(self) -> int:
-        answer = self._api.accept(self.axis, measurement(self.axis, next(self._days)))
-        (measured,) = answer["measurements"]
+        began = START + timedelta(hours=next(self._hours))
+        windows = simulated_measurement(np.random.default_rng(5), f"{began}", started_at=began, n_windows=4)
+        (measured,) = self._api.accept(self.axis, windows, complete=True)["measurements"]
         assert measured["reason"] != "fit-failed"
         return int(measured["measurement_id"])
 
-    def try_out(self, document: dict[str, Any], *, resting: Iterable[str] = RESTING) -> bool:
-        """Bring a calibration and ask for all that rests on it; return whether it is taken."""
-        brought = self.ask("POST", "/v1/axes/{axis}/calibrations", (201, 422), json={"document": document})
+    def take(self, document: dict[str, Any]) -> bool:
+        """Bring a calibration, put it in force and measure by it; return whether it is taken."""
+        brought = self._ask("POST", "/v1/axes/{axis}/calibrations", (201, 422), json={"document": document})
         if brought.status_code == 422:
             return False
-        names = {"calibration": brought.json()["id"]}
-        activate = "/v1/axes/{axis}/calibrations/{calibration}/activate"
-        self.ask("POST", activate, json={"reason": "swept"}, names=names)
-        names["number"] = self._measure()
-        for path in resting:
-            self.ask("GET", path, names=names, headers={"accept": "text/html"} if path.startswith("/axes") else {})
+        self._names["calibration"] = brought.json()["id"]
+        self._ask("POST", "/v1/axes/{axis}/calibrations/{calibration}/activate", json={"reason": "swept"})
+        self._names["number"] = self._measure()
+        for path in (EVIDENCE, MEASURED):
+            self._ask("GET", path)
         return True
+
+    def look(self) -> None:
+        """Ask for all else that rests on it."""
+        for path in RESTING:
+            self._ask("GET", path)
+
+
+def numbers_of(document: dict[str, Any]) -> Iterator[tuple[Pointer, float]]:
+    for pointer, place in numbers_in(document):
+        if not ("covariance" in pointer and pointer[-1] < pointer[-2]):  # what is beside its diagonal stands twice
+            yield pointer, place[pointer[-1]]
 
 
 def with_number(document: dict[str, Any], pointer: Pointer, value: float) -> dict[str, Any]:
@@ -209,18 +220,31 @@ def with_number(document: dict[str, Any], pointer: Pointer, value: float) -> dic
     return changed
 
 
-def numbers_of(document: dict[str, Any]) -> Iterator[tuple[Pointer, float]]:
-    for pointer, place in numbers_in(json.loads(json.dumps(document))):
-        if not ("covariance" in pointer and pointer[-1] < pointer[-2]):
-            yield pointer, place[pointer[-1]]
-
-
 def beside(stated: float) -> tuple[float, ...]:
     """Return what is near a number that is taken."""
-    nearest = (stated - 1, stated + 1) if isinstance(stated, int) else (
-        math.nextafter(stated, -math.inf), math.nextafter(stated, math.inf)
-    )  # fmt: skip
-    return (-stated, 0.5 * stated, 2.0 * stated, *nearest)
+    nearest = (math.nextafter(stated, -math.inf), math.nextafter(stated, math.inf))
+    return (-stated, 0.5 * stated, 2.0 * stated, *((stated - 1, stated + 1) if isinstance(stated, int) else nearest))
+
+
+def bring_each(
+    axis: Brought, document: dict[str, Any], pointers: Iterable[Pointer], values: Iterable[float],
+    subtests: pytest.Subtests,
+) -> None:  # fmt: skip
+    assert axis.take(document)
+    stated = dict(numbers_of(document))
+    for pointer in pointers:
+        with subtests.test(f"{axis.axis} {'.'.join(map(str, pointer))}"):
+            for value in (*values, *beside(stated[pointer])):
+                axis.take(with_number(document, pointer, value))
+            axis.look()
+
+
+def test_numbers_of_a_calibration_that_is_brought_are_answered_or_refused(
+    shared_api: Api, subtests: pytest.Subtests
+) -> None:
+    document = json.loads(json.dumps(calibration_document(WITNESSED)))
+    pointers = [("coefficients", "k3_s2_n13"), ("inverse_moving_mass_per_kg",), ("witnesses", 0, "scatter")]
+    bring_each(Brought(shared_api, "brought"), document, pointers, FEW, subtests)
 
 
 @pytest.mark.release
@@ -228,9 +252,6 @@ def test_every_number_of_a_calibration_that_is_brought_is_answered_or_refused(
     shared_api: Api, subtests: pytest.Subtests
 ) -> None:
     for name, calibration in (("plain", FULL), ("witnessed", WITNESSED)):
-        axis, document = Brought(shared_api, name), calibration_document(calibration)
-        assert axis.try_out(document)
-        for pointer, stated in numbers_of(document):
-            with subtests.test(f"{name} {'.'.join(map(str, pointer))}"):
-                for value in (*SWEPT, *beside(stated)):
-                    axis.try_out(with_number(document, pointer, value))
+        document = json.loads(json.dumps(calibration_document(calibration)))
+        pointers = [pointer for pointer, _ in numbers_of(document)]
+        bring_each(Brought(shared_api, name), document, pointers, SWEPT, subtests)
