@@ -144,11 +144,11 @@ class ShelveIn(ChangeIn):
 @router.get(
     "/alarms", response_model=AlarmsOut, responses={200: TABLE_RESPONSE}, dependencies=[needs(Scope.TRENDS_READ)]
 )
-def list_alarms(query: Annotated[AlarmsQuery, Query()], on: ServicesOf) -> AlarmsOut | StreamingResponse:
+def list_alarms(query: Annotated[AlarmsQuery, Query()], services: ServicesOf) -> AlarmsOut | StreamingResponse:
     """List alarms, newest first."""
 
     def page(query: AlarmsQuery) -> tuple[list[AlarmOut], int | None]:
-        views = on.alarms.list(query.axis, query.status, query.cursor, query.limit)
+        views = services.alarms.list(query.axis, query.status, query.cursor, query.limit)
         return [AlarmOut.model_validate(view) for view in views], views[-1].row.id if len(
             views
         ) == query.limit else None
@@ -160,38 +160,40 @@ def list_alarms(query: Annotated[AlarmsQuery, Query()], on: ServicesOf) -> Alarm
 
 
 @router.get("/alarms/{alarm}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_alarm(alarm: RowId, on: ServicesOf) -> AlarmOut:
+def get_alarm(alarm: RowId, services: ServicesOf) -> AlarmOut:
     """Return one alarm."""
-    return AlarmOut.model_validate(on.alarms.get(alarm))
+    return AlarmOut.model_validate(services.alarms.get(alarm))
 
 
 @router.post("/alarms/{alarm}/acknowledge", dependencies=[needs(Scope.ALARMS_ACK)])
-def acknowledge_alarm(alarm: RowId, body: ChangeIn, who: CallerOf, on: ServicesOf) -> AlarmOut:
+def acknowledge_alarm(alarm: RowId, body: ChangeIn, who: CallerOf, services: ServicesOf) -> AlarmOut:
     """Say that somebody has seen the alarm. The state of the axis does not change by that."""
-    return AlarmOut.model_validate(on.alarms.acknowledge(alarm, body.comment, who.signature, seen=body.seen_event))
+    return AlarmOut.model_validate(
+        services.alarms.acknowledge(alarm, body.comment, who.signature, seen=body.seen_event)
+    )
 
 
 @router.post("/alarms/{alarm}/comment", dependencies=[needs(Scope.ALARMS_ACK)])
-def comment_on_alarm(alarm: RowId, body: CommentIn, who: CallerOf, on: ServicesOf) -> AlarmOut:
+def comment_on_alarm(alarm: RowId, body: CommentIn, who: CallerOf, services: ServicesOf) -> AlarmOut:
     """Write something into the history of the alarm; nothing else changes."""
-    return AlarmOut.model_validate(on.alarms.comment(alarm, body.comment, who.signature))
+    return AlarmOut.model_validate(services.alarms.comment(alarm, body.comment, who.signature))
 
 
 @router.post("/alarms/{alarm}/shelve", dependencies=[needs(Scope.ALARMS_ACK)])
-def shelve_alarm(alarm: RowId, body: ShelveIn, who: CallerOf, on: ServicesOf) -> AlarmOut:
+def shelve_alarm(alarm: RowId, body: ShelveIn, who: CallerOf, services: ServicesOf) -> AlarmOut:
     """Let an open alarm rest: receivers hear nothing of it until then, and then it is back by itself."""
     return AlarmOut.model_validate(
-        on.alarms.shelve(alarm, body.until, body.comment, who.signature, seen=body.seen_event)
+        services.alarms.shelve(alarm, body.until, body.comment, who.signature, seen=body.seen_event)
     )
 
 
 @router.post("/alarms/{alarm}/clear", dependencies=[needs(Scope.ALARMS_ACK)])
-def clear_alarm(alarm: RowId, body: ChangeIn, who: CallerOf, on: ServicesOf) -> AlarmOut:
+def clear_alarm(alarm: RowId, body: ChangeIn, who: CallerOf, services: ServicesOf) -> AlarmOut:
     """Close the alarm after inspection: a new baseline is learnt from here on."""
-    return AlarmOut.model_validate(on.alarms.clear(alarm, body.comment, who.signature, seen=body.seen_event))
+    return AlarmOut.model_validate(services.alarms.clear(alarm, body.comment, who.signature, seen=body.seen_event))
 
 
 @router.post("/alarms/{alarm}/explanations", status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)])
-def explain_alarm(alarm: RowId, response: Response, on: ServicesOf) -> JobOut:
+def explain_alarm(alarm: RowId, response: Response, services: ServicesOf) -> JobOut:
     """Ask in the background which change of the axis explains an open alarm, by its newest measurements."""
-    return started(on.alarm_explanations.start(alarm), response)
+    return started(services.alarm_explanations.start(alarm), response)

@@ -167,7 +167,7 @@ def put_axis(
     query: Annotated[PutQuery, Query()],
     request: Request,
     response: Response,
-    on: ServicesOf,
+    services: ServicesOf,
 ) -> AxisOut | ConsequencesOut:
     """Register an axis, or change its name and configuration; `If-Match` guards against a change in between.
 
@@ -175,11 +175,11 @@ def put_axis(
     delay, silences, averages and band.
     """
     if query.dry_run:
-        outlook = outlook_of(on.database, axis, body.name, body.configuration)
+        outlook = outlook_of(services.database, axis, body.name, body.configuration)
         return ConsequencesOut(axis=axis, changes=outlook.changes, consequences=outlook.consequences)
-    _, created = on.axes.register(axis, body.name, body.configuration, if_match=request.headers.get("if-match"))
+    _, created = services.axes.register(axis, body.name, body.configuration, if_match=request.headers.get("if-match"))
     response.status_code = 201 if created else 200
-    return _tagged(AxisOut.model_validate(on.trend.status(axis)), response)
+    return _tagged(AxisOut.model_validate(services.trend.status(axis)), response)
 
 
 def _tagged(axis: AxisOut, response: Response) -> AxisOut:
@@ -189,16 +189,16 @@ def _tagged(axis: AxisOut, response: Response) -> AxisOut:
 
 
 @router.get("/axes", response_model=AxesOut, dependencies=[needs(Scope.TRENDS_READ)])
-def list_axes(query: Annotated[AxesQuery, Query()], on: ServicesOf) -> Response:
+def list_axes(query: Annotated[AxesQuery, Query()], services: ServicesOf) -> Response:
     """List the axes and how each stands."""
     # A response of our own: FastAPI would validate what is valid, and a fleet is large.
-    fleet = on.trend.fleet(query.machine, archived=query.archived)
+    fleet = services.trend.fleet(query.machine, archived=query.archived)
     out = AxesOut(axes=fleet.axes, damaged=fleet.damaged)
     return Response(out.model_dump_json(), media_type=JSON_TYPE)
 
 
 @router.get("/machines", dependencies=[needs(Scope.TRENDS_READ)])
-def list_machines(on: ServicesOf) -> MachinesOut:
+def list_machines(services: ServicesOf) -> MachinesOut:
     """List the machines with their axes, and how the worst of these stands."""
     return MachinesOut(
         machines=[
@@ -209,29 +209,29 @@ def list_machines(on: ServicesOf) -> MachinesOut:
                 open_alarms=sum(axis.open_alarms for axis in machine.axes),
                 axes=[axis.row.id for axis in machine.axes],
             )
-            for machine in machines_of(on.trend.fleet().axes)
+            for machine in machines_of(services.trend.fleet().axes)
         ]
     )
 
 
 @router.post("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def archive_axis(axis: AxisId, on: ServicesOf) -> AxisOut:
+def archive_axis(axis: AxisId, services: ServicesOf) -> AxisOut:
     """Hide an axis from lists; it takes no windows any more. Nothing is deleted, and it can be taken back."""
-    on.axes.archive(axis, archived=True)
-    return AxisOut.model_validate(on.trend.status(axis))
+    services.axes.archive(axis, archived=True)
+    return AxisOut.model_validate(services.trend.status(axis))
 
 
 @router.delete("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def take_axis_back(axis: AxisId, on: ServicesOf) -> AxisOut:
+def take_axis_back(axis: AxisId, services: ServicesOf) -> AxisOut:
     """Take an axis back that was archived."""
-    on.axes.archive(axis, archived=False)
-    return AxisOut.model_validate(on.trend.status(axis))
+    services.axes.archive(axis, archived=False)
+    return AxisOut.model_validate(services.trend.status(axis))
 
 
 @router.get("/axes/{axis}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_axis(axis: AxisId, response: Response, on: ServicesOf) -> AxisOut:
+def get_axis(axis: AxisId, response: Response, services: ServicesOf) -> AxisOut:
     """Return one axis and how it stands; `ETag` names its settings."""
-    return _tagged(AxisOut.model_validate(on.trend.status(axis)), response)
+    return _tagged(AxisOut.model_validate(services.trend.status(axis)), response)
 
 
 class MaintenanceOut(AnswerModel):
@@ -260,14 +260,14 @@ class MaintenanceLogOut(BaseModel):
     responses={200: {"model": MaintenanceOut, "description": "this entry was there already"}},
     dependencies=[needs(Scope.ALARMS_ACK)],
 )
-def post_maintenance(axis: AxisId, body: MaintenanceIn, response: Response, on: ServicesOf) -> MaintenanceOut:
+def post_maintenance(axis: AxisId, body: MaintenanceIn, response: Response, services: ServicesOf) -> MaintenanceOut:
     """Say what was done to an axis. A new nut or screw begins the baseline anew from then, however long ago."""
-    row, is_new = maintenance.enter(on.database, axis, body)
+    row, is_new = maintenance.enter(services.database, axis, body)
     response.status_code = 201 if is_new else 200
     return MaintenanceOut.model_validate(row)
 
 
 @maintenance_router.get("/axes/{axis}/maintenance", dependencies=[needs(Scope.TRENDS_READ)])
-def get_maintenance(axis: AxisId, on: ServicesOf) -> MaintenanceLogOut:
+def get_maintenance(axis: AxisId, services: ServicesOf) -> MaintenanceLogOut:
     """Return the maintenance log of an axis."""
-    return MaintenanceLogOut(axis=axis, entries=maintenance.log_of(on.database, axis))
+    return MaintenanceLogOut(axis=axis, entries=maintenance.log_of(services.database, axis))

@@ -101,16 +101,16 @@ def get_drive_model(query: Annotated[CatalogueIn, Query()]) -> DriveModelOut:
 
 
 @router.get("/axes/{axis}/calibration-plan", dependencies=[needs(Scope.TRENDS_READ)])
-def get_calibration_plan(axis: AxisId, query: Annotated[PlanIn, Query()], on: ServicesOf) -> CalibrationPlanOut:
+def get_calibration_plan(axis: AxisId, query: Annotated[PlanIn, Query()], services: ServicesOf) -> CalibrationPlanOut:
     """Say where to move and which preload to set next, how many are left, and which loss the calibration will see."""
-    return CalibrationPlanOut.model_validate(calibration_plan(on.database, axis, query))
+    return CalibrationPlanOut.model_validate(calibration_plan(services.database, axis, query))
 
 
 @router.post("/axes/{axis}/calibration-jobs", status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def start_calibration(axis: AxisId, body: CalibrationJobIn, response: Response, on: ServicesOf) -> JobOut:
+def start_calibration(axis: AxisId, body: CalibrationJobIn, response: Response, services: ServicesOf) -> JobOut:
     """Fit a calibration to stored measurements in the background; its number and its readings are in the result.
 
     As `POST …/calibrations` with `measurements`, which answers when it is done. Nothing is in force before it is
     activated.
     """
-    return started(on.calibration_jobs.start(axis, body), response)
+    return started(services.calibration_jobs.start(axis, body), response)

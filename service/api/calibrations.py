@@ -143,50 +143,50 @@ def calibrations_out(overview: CalibrationOverview) -> CalibrationsOut:
 
 
 @router.post("/axes/{axis}/calibrations", status_code=201, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def post_calibration(axis: AxisId, body: CalibrationIn, response: Response, on: ServicesOf) -> CalibrationOut:
+def post_calibration(axis: AxisId, body: CalibrationIn, response: Response, services: ServicesOf) -> CalibrationOut:
     """Fit k1…k4 (or take them from a file) and store them for review. Nothing is in force before it is activated."""
     if body.document is not None:
-        row = on.calibrations.bring(axis, body.document, body.comment)
+        row = services.calibrations.bring(axis, body.document, body.comment)
     elif body.readings is not None:
         readings = [reading.to_core() for reading in body.readings]
-        row = on.calibrations.fit_readings(axis, readings, body.weighting, body.comment, prior=body.prior)
+        row = services.calibrations.fit_readings(axis, readings, body.weighting, body.comment, prior=body.prior)
     else:
         span = body.measurements or MeasurementRange()
-        fit = on.calibrations.fit_measurements
+        fit = services.calibrations.fit_measurements
         row = fit(axis, (span.start, span.end), body.weighting, body.comment, prior=body.prior)
     response.headers["Location"] = f"/v1/axes/{axis}/calibrations/{row.id}"
     return calibration_out(row, None)
 
 
 @router.get("/axes/{axis}/calibrations", dependencies=[needs(Scope.TRENDS_READ)])
-def list_calibrations(axis: AxisId, on: ServicesOf) -> CalibrationsOut:
+def list_calibrations(axis: AxisId, services: ServicesOf) -> CalibrationsOut:
     """List the calibrations of an axis and which was in force since when."""
-    return calibrations_out(on.calibrations.overview(axis))
+    return calibrations_out(services.calibrations.overview(axis))
 
 
 @router.get("/axes/{axis}/calibrations/{calibration}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_calibration(axis: AxisId, calibration: RowId, on: ServicesOf) -> CalibrationOut:
+def get_calibration(axis: AxisId, calibration: RowId, services: ServicesOf) -> CalibrationOut:
     """Return one calibration."""
-    row, active = on.calibrations.get(axis, calibration)
+    row, active = services.calibrations.get(axis, calibration)
     return calibration_out(row, active)
 
 
 @router.post("/axes/{axis}/calibrations/{calibration}/activate", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def activate_calibration(
-    axis: AxisId, calibration: RowId, body: ActivationIn, request: Request, on: ServicesOf
+    axis: AxisId, calibration: RowId, body: ActivationIn, request: Request, services: ServicesOf
 ) -> CalibrationsOut:
     """Put a calibration in force. It starts a new baseline; `If-Match: "<id>"` guards against a change in between."""
-    on.calibrations.activate(axis, calibration, body.reason, expected_active=request.headers.get("if-match"))
-    return calibrations_out(on.calibrations.overview(axis))
+    services.calibrations.activate(axis, calibration, body.reason, expected_active=request.headers.get("if-match"))
+    return calibrations_out(services.calibrations.overview(axis))
 
 
 @router.post("/axes/{axis}/rejudgements", status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
 def start_rejudgement(
-    axis: AxisId, body: RejudgementIn, request: Request, response: Response, on: ServicesOf
+    axis: AxisId, body: RejudgementIn, request: Request, response: Response, services: ServicesOf
 ) -> JobOut:
     """Judge the history of an axis anew under a calibration, which is in force then; `dry_run` only compares.
 
     The result of the job holds both histories side by side: states, alarms and their first date, median preload and
     interval. `If-Match: "<id>"` guards against another calibration in force than was thought.
     """
-    return started(on.rejudgements.start(axis, body, if_match=request.headers.get("if-match")), response)
+    return started(services.rejudgements.start(axis, body, if_match=request.headers.get("if-match")), response)

@@ -42,10 +42,10 @@ async def healthz() -> HealthOut:
 
 
 @router.get("/readyz")
-async def readyz(request: Request, on: ServicesOf) -> HealthOut:
+async def readyz(request: Request, services: ServicesOf) -> HealthOut:
     """Tell that windows can be stored: the database and the disk take what is written, and there is room."""
     # Not in a worker thread of the requests: all of them may be waiting for the database.
-    await asyncio.to_thread(_require_ready, on.database, request.app.state.settings.data_dir)
+    await asyncio.to_thread(_require_ready, services.database, request.app.state.settings.data_dir)
     return HealthOut()
 
 
@@ -72,28 +72,28 @@ def _require_room(folder: Path) -> None:
 
 
 @router.get("/metrics", response_class=Response, dependencies=[needs(Scope.TRENDS_READ)])
-def metrics(on: ServicesOf) -> Response:
+def metrics(services: ServicesOf) -> Response:
     """Return the counters, and how axes and jobs stand, in the text format of Prometheus.
 
     Without the database it is the counters alone: those are needed most when something is wrong.
     """
-    counted = generate_latest(on.metrics.registry)
+    counted = generate_latest(services.metrics.registry)
     try:
-        counted += _standing(on)
+        counted += _standing(services)
     except (BusyError, StorageError) as error:
         log.warning("the metrics lack how axes, jobs and receivers stand: %s", error)
     return Response(counted, media_type=CONTENT_TYPE_LATEST)
 
 
-def _standing(on: Services) -> bytes:
-    fleet, now = on.trend.fleet(), CollectorRegistry()
+def _standing(services: Services) -> bytes:
+    fleet, now = services.trend.fleet(), CollectorRegistry()
     readings = [_reading(axis) for axis in fleet.axes]
     receivers = [
         ReceiverReading(each.row.name, each.failing_since is not None, each.n_waiting)
-        for each in on.dispatcher.standings()
+        for each in services.dispatcher.standings()
     ]
     states = [str(state) for state in TrendStatus]
-    now.register(FleetGauges(states, readings, len(fleet.damaged), on.jobs.unfinished(), receivers))
+    now.register(FleetGauges(states, readings, len(fleet.damaged), services.jobs.unfinished(), receivers))
     return generate_latest(now)
 
 

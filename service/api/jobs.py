@@ -74,50 +74,50 @@ def started(row: JobRow, response: Response) -> JobOut:
 
 
 @router.get("/sessions", tags=["jobs"], dependencies=[needs(Scope.TRENDS_READ)])
-def list_sessions(on: ServicesOf) -> SessionsOut:
+def list_sessions(services: ServicesOf) -> SessionsOut:
     """List the recorded sessions in the replay folder."""
-    return SessionsOut(sessions=on.replays.sessions())
+    return SessionsOut(sessions=services.replays.sessions())
 
 
 @router.post("/axes/{axis}/replays", tags=["jobs"], status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)])
-def start_replay(axis: AxisId, body: ReplayIn, response: Response, on: ServicesOf) -> JobOut:
+def start_replay(axis: AxisId, body: ReplayIn, response: Response, services: ServicesOf) -> JobOut:
     """Replay a recorded session into an axis, as a job with progress; the same code as for live windows."""
-    return started(on.replays.start(axis, body), response)
+    return started(services.replays.start(axis, body), response)
 
 
 @router.get("/jobs", tags=["jobs"], dependencies=[needs(Scope.TRENDS_READ)])
-def list_jobs(query: Annotated[JobsQuery, Query()], on: ServicesOf) -> JobsOut:
+def list_jobs(query: Annotated[JobsQuery, Query()], services: ServicesOf) -> JobsOut:
     """List jobs, newest first."""
-    rows = on.jobs.list(query.axis, query.limit, query.cursor)
+    rows = services.jobs.list(query.axis, query.limit, query.cursor)
     return JobsOut(jobs=rows, next_cursor=rows[-1].id if len(rows) == query.limit else None)
 
 
 @router.get("/jobs/{job}", tags=["jobs"], dependencies=[needs(Scope.TRENDS_READ)])
-def get_job(job: JobId, on: ServicesOf) -> JobOut:
+def get_job(job: JobId, services: ServicesOf) -> JobOut:
     """Return a job with its progress."""
-    return JobOut.model_validate(on.jobs.get(job))
+    return JobOut.model_validate(services.jobs.get(job))
 
 
 @router.post("/jobs/{job}/cancel", tags=["jobs"], dependencies=[needs(Scope.REPLAYS_RUN)])
-def cancel_job(job: JobId, on: ServicesOf) -> JobOut:
+def cancel_job(job: JobId, services: ServicesOf) -> JobOut:
     """Ask a job to stop; work already done stays done."""
-    return JobOut.model_validate(on.jobs.cancel(job))
+    return JobOut.model_validate(services.jobs.cancel(job))
 
 
 @router.post(
     "/axes/{axis}/identifications", tags=["identifications"], status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)]
 )
-def start_identification(axis: AxisId, body: IdentificationIn, response: Response, on: ServicesOf) -> JobOut:
+def start_identification(axis: AxisId, body: IdentificationIn, response: Response, services: ServicesOf) -> JobOut:
     """Identify the joints of an axis in the background; the result is the JSON of `preload identify`."""
-    return started(on.identifications.start(axis, body), response)
+    return started(services.identifications.start(axis, body), response)
 
 
 @router.post(
     "/axes/{axis}/discrepancies", tags=["discrepancies"], status_code=202, dependencies=[needs(Scope.REPLAYS_RUN)]
 )
-def start_discrepancy(axis: AxisId, body: DiscrepancyIn, response: Response, on: ServicesOf) -> JobOut:
+def start_discrepancy(axis: AxisId, body: DiscrepancyIn, response: Response, services: ServicesOf) -> JobOut:
     """Explain in the background where measurements and model part; the result is the JSON of `preload explain`."""
-    return started(on.discrepancies.start(axis, body), response)
+    return started(services.discrepancies.start(axis, body), response)
 
 
 @router.get(
@@ -126,12 +126,12 @@ def start_discrepancy(axis: AxisId, body: DiscrepancyIn, response: Response, on:
     response_class=HTMLResponse,
     dependencies=[needs(Scope.TRENDS_READ)],
 )
-def get_discrepancy_report(axis: AxisId, job: JobId, on: ServicesOf) -> HTMLResponse:
+def get_discrepancy_report(axis: AxisId, job: JobId, services: ServicesOf) -> HTMLResponse:
     """Return the report of a finished job: one page that holds all it shows, to be kept or sent on."""
-    return HTMLResponse(on.discrepancies.report(axis, job), headers=_OF_REPORT)
+    return HTMLResponse(services.discrepancies.report(axis, job), headers=_OF_REPORT)
 
 
 @router.post("/trials", tags=["jobs"], status_code=202, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def start_trial(response: Response, on: ServicesOf) -> JobOut:
+def start_trial(response: Response, services: ServicesOf) -> JobOut:
     """Make a simulated axis with a year of history, as a job; `arguments.axis` names it, its archive ends the trial."""
-    return started(on.trials.start(), response)
+    return started(services.trials.start(), response)

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.api.access import needs
 from service.api.http.form import FORM_TYPE, FormReader, boundary_of
 from service.api.jobs import JobOut, started
-from service.api.services import ServicesOf, services
+from service.api.services import ServicesOf, services_of
 from service.documents.recording import ChannelEntry, FileEntry, LeftOutEntry
 from service.errors import NotAcceptableError
 from service.operations.access.scopes import Scope
@@ -165,10 +165,10 @@ async def post_recording(
 
 async def receive(axis: str, request: Request, *, check_only: bool) -> JobRow:
     """Write an upload to the disk as it arrives, and begin to take it, or only to look into it."""
-    on = await services(request)
+    services = await services_of(request)
     boundary = boundary_of(request.headers.get("content-type"))
     declared = request.headers.get("content-length", "")
-    recordings = on.recordings
+    recordings = services.recordings
     upload = await recordings.begin(axis, int(declared) if declared.isdecimal() else 0)
     try:
         form, waiting = FormReader(boundary, upload), bytearray()
@@ -185,36 +185,38 @@ async def receive(axis: str, request: Request, *, check_only: bool) -> JobRow:
 
 
 @router.post("/axes/{axis}/recordings/{recording}/import", status_code=202, dependencies=[needs(Scope.WINDOWS_WRITE)])
-def import_recording(axis: AxisId, recording: RowId, body: ImportIn, response: Response, on: ServicesOf) -> JobOut:
+def import_recording(
+    axis: AxisId, recording: RowId, body: ImportIn, response: Response, services: ServicesOf
+) -> JobOut:
     """Take the windows of a recording that was uploaded with `check_only`, as a job.
 
     Every window is made and checked before this answers. What does not fit is refused, and the recording stays as it
     was, to be tried with another map.
     """
-    kept = on.recordings.get(axis, recording).row
+    kept = services.recordings.get(axis, recording).row
     return started(
-        on.recordings.take_kept(axis, recording, kept.channel_map if body.map is None else body.map), response
+        services.recordings.take_kept(axis, recording, kept.channel_map if body.map is None else body.map), response
     )
 
 
 @router.get("/axes/{axis}/recordings", dependencies=[needs(Scope.TRENDS_READ)])
-def list_recordings(axis: AxisId, query: Annotated[RecordingsQuery, Query()], on: ServicesOf) -> RecordingsOut:
+def list_recordings(axis: AxisId, query: Annotated[RecordingsQuery, Query()], services: ServicesOf) -> RecordingsOut:
     """List the uploaded recordings of an axis, newest first."""
-    views = on.recordings.list(axis, query.cursor, query.limit)
+    views = services.recordings.list(axis, query.cursor, query.limit)
     cursor = views[-1].row.id if len(views) == query.limit else None
     return RecordingsOut(recordings=[recording_out(view) for view in views], next_cursor=cursor)
 
 
 @router.get("/axes/{axis}/recordings/{recording}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_recording(axis: AxisId, recording: RowId, on: ServicesOf) -> RecordingOut:
+def get_recording(axis: AxisId, recording: RowId, services: ServicesOf) -> RecordingOut:
     """Return what was found in a recording, and how far its windows are taken."""
-    return recording_out(on.recordings.get(axis, recording))
+    return recording_out(services.recordings.get(axis, recording))
 
 
 @router.delete("/axes/{axis}/recordings/{recording}")
-def delete_recording(axis: AxisId, recording: RowId, on: ServicesOf) -> RemovedOut:
+def delete_recording(axis: AxisId, recording: RowId, services: ServicesOf) -> RemovedOut:
     """Remove the files of a recording. Windows that were taken from it stay, as all that was measured."""
-    removed = on.recordings.remove(axis, recording)
+    removed = services.recordings.remove(axis, recording)
     return RemovedOut(
         id=recording,
         name=removed.name,
@@ -230,10 +232,10 @@ def delete_recording(axis: AxisId, recording: RowId, on: ServicesOf) -> RemovedO
     dependencies=[needs(Scope.TRENDS_READ)],
 )
 def get_recording_file(
-    axis: AxisId, recording: RowId, query: Annotated[FileQuery, Query()], on: ServicesOf
+    axis: AxisId, recording: RowId, query: Annotated[FileQuery, Query()], services: ServicesOf
 ) -> FileResponse:
     """Download an uploaded file as it was sent."""
-    path = on.recordings.file(axis, recording, query.name)
+    path = services.recordings.file(axis, recording, query.name)
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
 
@@ -243,9 +245,9 @@ def get_recording_file(
     responses={200: {"description": "a session file", "content": {HDF5_TYPE: _BINARY}}},
     dependencies=[needs(Scope.TRENDS_READ)],
 )
-def get_recording_session(axis: AxisId, recording: RowId, on: ServicesOf) -> FileResponse:
+def get_recording_session(axis: AxisId, recording: RowId, services: ServicesOf) -> FileResponse:
     """Download the session whose windows are taken: as uploaded, or as `preload import` makes it of the same files."""
-    path = on.recordings.session_file(axis, recording)
+    path = services.recordings.session_file(axis, recording)
     return FileResponse(path, media_type=HDF5_TYPE, filename=path.name)
 
 
@@ -262,7 +264,7 @@ def get_recording_session(axis: AxisId, recording: RowId, on: ServicesOf) -> Fil
     dependencies=[needs(Scope.TRENDS_READ)],
 )
 def get_windows(
-    axis: AxisId, measurement: RowId, query: Annotated[WindowsQuery, Query()], request: Request, on: ServicesOf
+    axis: AxisId, measurement: RowId, query: Annotated[WindowsQuery, Query()], request: Request, services: ServicesOf
 ) -> StreamingResponse:
     """Read the stored windows of a measurement back, refused ones included: samples as they are stored, bit by bit.
 
@@ -271,7 +273,7 @@ def get_windows(
     """
     kind = query.format or _accepted(request.headers.get("accept", "*/*"))
     name = f"{axis}-{measurement}" + (f"-{query.window}" if query.window else "")
-    stored = on.stored_windows
+    stored = services.stored_windows
     read, media_type, ending = (
         (stored.table, CSV_TYPE, "csv") if kind == "csv" else (stored.session, HDF5_TYPE, "session.h5")
     )

@@ -176,39 +176,39 @@ class PinsQuery(RequestModel):
 
 
 @router.get("/retention", dependencies=[needs(Scope.TRENDS_READ)])
-def get_retention(on: ServicesOf) -> RetentionOut:
+def get_retention(services: ServicesOf) -> RetentionOut:
     """Return the rule, what is kept and why, what a purge would free, and what a year brings.
 
     All that is stored is counted; the answer may be a minute old, as its `at` says.
     """
-    return retention_out(on.surveys.newest())
+    return retention_out(services.surveys.newest())
 
 
 @router.post("/retention/purges", status_code=202, dependencies=[needs(Scope.ADMIN)])
-def start_purge(who: CallerOf, response: Response, on: ServicesOf) -> JobOut:
+def start_purge(who: CallerOf, response: Response, services: ServicesOf) -> JobOut:
     """Let go now what the rule does not keep, as a job; one that is not done yet is answered with again."""
-    return started(on.purges.begin(who.name), response)
+    return started(services.purges.begin(who.name), response)
 
 
 @router.get("/axes/{axis}/pins", dependencies=[needs(Scope.TRENDS_READ)])
-def list_pins(axis: AxisId, query: Annotated[PinsQuery, Query()], on: ServicesOf) -> PinsOut:
+def list_pins(axis: AxisId, query: Annotated[PinsQuery, Query()], services: ServicesOf) -> PinsOut:
     """List what is pinned of an axis, newest first."""
-    rows = retention.list_pins(on.database, axis, query.cursor, query.limit)
+    rows = retention.list_pins(services.database, axis, query.cursor, query.limit)
     return PinsOut(pins=rows, next_cursor=rows[-1].id if len(rows) == query.limit else None)
 
 
 @router.post("/axes/{axis}/pins", status_code=201, dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def pin(axis: AxisId, body: PinIn, who: CallerOf, on: ServicesOf) -> PinOut:
+def pin(axis: AxisId, body: PinIn, who: CallerOf, services: ServicesOf) -> PinOut:
     """Keep waveforms whatever their age: of a measurement, or of all that began in a span, those to come included.
 
     A measurement that is pinned already is kept for the new reason.
     """
     what = Span(body.start, body.end) if body.measurement is None else body.measurement
     why = Reason(body.reason, who.name)
-    return PinOut.model_validate(retention.pin(on.database, axis, what, why))
+    return PinOut.model_validate(retention.pin(services.database, axis, what, why))
 
 
 @router.delete("/axes/{axis}/pins/{pin}", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
-def remove_pin(axis: AxisId, pin: RowId, on: ServicesOf) -> PinOut:
+def remove_pin(axis: AxisId, pin: RowId, services: ServicesOf) -> PinOut:
     """Let the rule decide again about what a pin kept."""
-    return PinOut.model_validate(retention.remove_pin(on.database, axis, pin))
+    return PinOut.model_validate(retention.remove_pin(services.database, axis, pin))

@@ -64,10 +64,10 @@ class Services:
     advice: AdviceTable
 
 
-async def services(request: Request) -> Services:
+async def services_of(request: Request) -> Services:
     """Return the operations of the application that serves this request."""
     return cast(Services, request.app.state.services)
 
 
 #: What a route takes them by.
-ServicesOf = Annotated[Services, Depends(services)]
+ServicesOf = Annotated[Services, Depends(services_of)]

@@ -61,9 +61,9 @@ class SystemOut(AnswerModel):
 
 
 @router.get("/system", dependencies=[needs(Scope.TRENDS_READ)])
-def get_system(on: ServicesOf) -> SystemOut:
+def get_system(services: ServicesOf) -> SystemOut:
     """Return versions, how far intake is behind, and what was refused of all axes, by reason."""
-    return SystemOut.model_validate(system_status(on.database, on.metrics, on.ingest))
+    return SystemOut.model_validate(system_status(services.database, services.metrics, services.ingest))
 
 
 class DeadLetterOut(AnswerModel):
@@ -93,9 +93,9 @@ class ReceiversOut(BaseModel):
 
 
 @router.get("/receivers", dependencies=[needs(Scope.TRENDS_READ)])
-def list_receivers(on: ServicesOf) -> ReceiversOut:
+def list_receivers(services: ServicesOf) -> ReceiversOut:
     """List who is told of alarms, and how that stands."""
-    return ReceiversOut(receivers=on.dispatcher.standings())
+    return ReceiversOut(receivers=services.dispatcher.standings())
 
 
 class AuditEntryOut(AnswerModel):
@@ -127,11 +127,11 @@ class AuditQuery(TableQuery):
 
 
 @router.get("/audit", response_model=AuditOut, responses={200: TABLE_RESPONSE})
-def list_audit(query: Annotated[AuditQuery, Query()], on: ServicesOf) -> AuditOut | StreamingResponse:
+def list_audit(query: Annotated[AuditQuery, Query()], services: ServicesOf) -> AuditOut | StreamingResponse:
     """List who changed what, newest first."""
 
     def page(query: AuditQuery) -> tuple[list[AuditEntryOut], int | None]:
-        rows = on.access.log(query.axis, query.cursor, query.limit)
+        rows = services.access.log(query.axis, query.cursor, query.limit)
         return [AuditEntryOut.model_validate(row) for row in rows], rows[-1].id if len(rows) == query.limit else None
 
     if query.format is not None:
@@ -158,9 +158,9 @@ class ChangesOut(BaseModel):
     responses={304: {"description": "nothing changed since"}},
     dependencies=[needs(Scope.TRENDS_READ)],
 )
-def get_changes(query: Annotated[ChangesQuery, Query()], on: ServicesOf) -> Response:
+def get_changes(query: Annotated[ChangesQuery, Query()], services: ServicesOf) -> Response:
     """Ask whether anything changed: 304 if not, else the new mark. Made to be asked every second."""
-    mark = on.changes.mark()
+    mark = services.changes.mark()
     if query.since == mark:
         return Response(status_code=304)
     return Response(ChangesOut(mark=mark).model_dump_json(), media_type="application/json")
@@ -183,6 +183,6 @@ class AdviceTableOut(BaseModel):
 
 
 @router.get("/advice", dependencies=[needs(Scope.TRENDS_READ)])
-def list_advice(on: ServicesOf) -> AdviceTableOut:
+def list_advice(services: ServicesOf) -> AdviceTableOut:
     """List what to check for each cause of an alarm, state, refusal and doubt."""
-    return AdviceTableOut(advice=list(on.advice.entries.values()))
+    return AdviceTableOut(advice=list(services.advice.entries.values()))

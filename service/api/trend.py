@@ -136,9 +136,9 @@ class HistoryOut(BaseModel):
 
 
 @router.get("/axes/{axis}/history", response_model_exclude_unset=True, dependencies=[needs(Scope.TRENDS_READ)])
-def get_history(axis: AxisId, on: ServicesOf) -> HistoryOut:
+def get_history(axis: AxisId, services: ServicesOf) -> HistoryOut:
     """Return what is normal for an axis, where its trend goes, and how often it alarms falsely."""
-    history = on.history.of(axis)
+    history = services.history.of(axis)
     return HistoryOut(
         axis=axis,
         baseline=history.baseline,
@@ -151,10 +151,10 @@ def get_history(axis: AxisId, on: ServicesOf) -> HistoryOut:
 
 
 @router.get("/axes/{axis}/measurements/{measurement}", dependencies=[needs(Scope.TRENDS_READ)])
-def get_measurement(axis: AxisId, measurement: RowId, on: ServicesOf) -> MeasurementOut:
+def get_measurement(axis: AxisId, measurement: RowId, services: ServicesOf) -> MeasurementOut:
     """Return one measurement with everything its value rests on."""
-    view = on.trend.measurement(axis, measurement)
-    row, evidence = view.row, evidence_of(on.database, on.waveforms, axis, view)
+    view = services.trend.measurement(axis, measurement)
+    row, evidence = view.row, evidence_of(services.database, services.waveforms, axis, view)
     return MeasurementOut(
         measurement_id=row.id,
         measurement=row.name,
@@ -170,10 +170,10 @@ def get_measurement(axis: AxisId, measurement: RowId, on: ServicesOf) -> Measure
 
 
 @router.get("/axes/{axis}/measurements/{measurement}/evidence", dependencies=[needs(Scope.TRENDS_READ)])
-def get_evidence(axis: AxisId, measurement: RowId, on: ServicesOf) -> EvidenceOut:
+def get_evidence(axis: AxisId, measurement: RowId, services: ServicesOf) -> EvidenceOut:
     """Return the whole response of a measurement with the baseline's, and what other calibrations say of it."""
-    view = on.trend.measurement(axis, measurement)
-    evidence = evidence_of(on.database, on.waveforms, axis, view)
+    view = services.trend.measurement(axis, measurement)
+    evidence = evidence_of(services.database, services.waveforms, axis, view)
     responses = evidence.responses()
     return EvidenceOut(
         band_hz=responses.band,
@@ -231,9 +231,9 @@ class ProjectionOut(BaseModel):
 
 
 @router.get("/axes/{axis}/projection", dependencies=[needs(Scope.TRENDS_READ)])
-def get_projection(axis: AxisId, on: ServicesOf) -> ProjectionOut:
+def get_projection(axis: AxisId, services: ServicesOf) -> ProjectionOut:
     """Project the trend from the onset of the alarm that stands, or the newest measurements: empty of too few."""
-    line = projection_of(on.database, axis)
+    line = projection_of(services.database, axis)
     if line is None:
         return ProjectionOut(axis=axis, since=None, n_measurements=0, slope_n_per_day=None, points=[])
     points = [

@@ -114,14 +114,14 @@ class TrendQuery(TableQuery):
     responses={200: _ANSWERS, 304: {"description": "not modified"}},
     dependencies=[needs(Scope.TRENDS_READ)],
 )
-def get_trend(axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, on: ServicesOf) -> Response:
+def get_trend(axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, services: ServicesOf) -> Response:
     """Return the trend of an axis, refused measurements included."""
     if query.format is not None:
-        return table(f"{axis}-trend", TrendPointOut, query, partial(_records, axis, on))
+        return table(f"{axis}-trend", TrendPointOut, query, partial(_records, axis, services))
     seen = _etags(request.headers.get("if-none-match", ""))
-    if seen and (etag := _etag(query, *on.trend.revision(axis))) in seen:
+    if seen and (etag := _etag(query, *services.trend.revision(axis))) in seen:
         return Response(status_code=304, headers={"ETag": etag})
-    page = _page(axis, on, query)
+    page = _page(axis, services, query)
     columns = _columns(page.columns)
     told, media_type = (
         (_points(columns), "application/json") if query.form == "points" else (_shortened(columns), COLUMNS_TYPE)
@@ -193,19 +193,21 @@ def rounded(values: Sequence[float | None]) -> list[float]:
     return list(numbers.tolist())
 
 
-def _records(axis: str, on: Services, query: TrendQuery) -> tuple[list[dict[str, object]], str | None]:
-    page = _page(axis, on, query)
+def _records(axis: str, services: Services, query: TrendQuery) -> tuple[list[dict[str, object]], str | None]:
+    page = _page(axis, services, query)
     return _points(_columns(page.columns)), page.next_cursor
 
 
-def _page(axis: str, on: Services, query: TrendQuery) -> ToldPage:
+def _page(axis: str, services: Services, query: TrendQuery) -> ToldPage:
     span, newest_first = Span(query.start, query.end), query.order == "newest-first"
     if query.resolution is not None:
-        page = on.trend.at_resolution(axis, span, query.resolution)
+        page = services.trend.at_resolution(axis, span, query.resolution)
         return (replace(page, points=page.points[::-1]) if newest_first else page).told()
     if query.only is None and query.max_points is None:
-        return on.trend.told(axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first)
-    page = on.trend.page(axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first, only=query.only)
+        return services.trend.told(axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first)
+    page = services.trend.page(
+        axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first, only=query.only
+    )
     most = query.limit if query.max_points is None else query.max_points
     return replace(page, points=thin_out(page.points, most)).told()
 

@@ -15,7 +15,7 @@ from monitor_core.recordings.elements.units import metres
 from service.api.access import needs
 from service.api.http.body import JSON_TYPE, MOST_WINDOWS, MSGPACK_TYPE, parse_body
 from service.api.http.samples import Samples
-from service.api.services import Services, services
+from service.api.services import Services, services_of
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AnswerModel, AxisId, RequestModel, StatedOfWindow
@@ -171,22 +171,22 @@ async def post_windows(axis: AxisId, request: Request) -> Response:
     Windows are on disk before this answers. The same window posted again is `already-there`; a different window with
     the same `started_at` is refused with 409, and then nothing of the request is stored.
     """
-    on = await services(request)
-    windows, complete = await _posted_by(request, on)
-    answer = _answer(await wrap_future(on.ingest.submit(axis, windows, complete=complete)))
+    services = await services_of(request)
+    windows, complete = await _posted_by(request, services)
+    answer = _answer(await wrap_future(services.ingest.submit(axis, windows, complete=complete)))
     # A response of our own: FastAPI would validate what is valid, in yet another thread.
     status = 200 if answer.already_there == len(answer.windows) else 201
     return Response(answer.model_dump_json(), status, media_type=JSON_TYPE)
 
 
-async def _posted_by(request: Request, on: Services) -> tuple[list[Window], bool]:
+async def _posted_by(request: Request, services: Services) -> tuple[list[Window], bool]:
     """Read what was sent. Nothing of the body is kept after that, as request.body() would."""
     body = b"".join([part async for part in request.stream() if part])
     content_type = request.headers.get("content-type")
     if len(body) <= READ_AT_ONCE:
         return _read(body, content_type)
     # one thread reads bodies and one takes windows, whoever sends them: more would only wait for each other
-    return await on.ingest.read_by(partial(_read, body, content_type))
+    return await services.ingest.read_by(partial(_read, body, content_type))
 
 
 def _read(body: bytes, content_type: str | None) -> tuple[list[Window], bool]:
