@@ -41,8 +41,8 @@ def augmented_model(
         name: value * math.exp(explanation.ln_ratios.get(name, 0.0)) for name, value in baseline.parameters.items()
     }
     effects = {key: dict(values) for key, values in baseline.effects.items()}
-    for key, found in explanation.added.items():
-        effects[key] = _together(effects[key], found, _parameters(key, table)) if key in effects else dict(found)
+    for key, values in explanation.added.items():
+        effects[key] = _together(effects[key], values, _parameters(key, table)) if key in effects else dict(values)
     return replace(baseline, parameters=parameters, effects=effects)
 
 
@@ -52,12 +52,12 @@ def _parameters(key: str, table: Sequence[Effect[Any]]) -> dict[str, EffectParam
 
 
 def _together(
-    present: Mapping[str, float], found: Mapping[str, float], parameters: Mapping[str, EffectParameter]
+    present: Mapping[str, float], added: Mapping[str, float], parameters: Mapping[str, EffectParameter]
 ) -> dict[str, float]:
     """Return the values with which an effect, added once, does what it did when it was added twice."""
-    both = {**present, **found}
-    for name in present.keys() & found.keys():
-        before, more = present[name], found[name]
+    both = {**present, **added}
+    for name in present.keys() & added.keys():
+        before, more = present[name], added[name]
         if name in _FACTORS:
             both[name] = (1.0 + before) * (1.0 + more) - 1.0
         elif name in _SHARES_OF_THE_REST:
@@ -108,7 +108,7 @@ def explain(
     if progress is not None:
         progress("comparing with the model as stated")
     question = _question(axis, measured, options)
-    found = explain_comparison(
+    explanation = explain_comparison(
         question.comparison,
         question.described,
         question.candidates,
@@ -119,12 +119,12 @@ def explain(
     # the true cause may be in what was not free, and is then made up for by what is found
     exact = tuple(name for name in axis.parameters if name not in axis.uncertain)
     augmented = axis
-    if found.outcome is not Outcome.UNKNOWN:
-        augmented = augmented_model(axis.with_corrected_parameters(), found, question.table)
+    if explanation.outcome is not Outcome.UNKNOWN:
+        augmented = augmented_model(axis.with_corrected_parameters(), explanation, question.table)
     return replace(
-        found,
+        explanation,
         assumptions=question.assumptions,
-        taken_as_exact=exact if found.outcome is not Outcome.NONE else (),
+        taken_as_exact=exact if explanation.outcome is not Outcome.NONE else (),
         augmented=augmented,
     )
 

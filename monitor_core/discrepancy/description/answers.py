@@ -70,8 +70,8 @@ def bases(
     if not judged_gap(baseline).exceeds_healthy:
         return  # settings differ from what is stated, but no response has a resonance too many
     known = _applying(baseline, [effect for effect in candidates if effect.key in _OF_CATALOGUE])
-    for found in screen(baseline, known) if known else ():
-        yield from (Base(fitted) for fitted in _with_port(baseline, found))
+    for screened in screen(baseline, known) if known else ():
+        yield from (Base(fitted) for fitted in _with_port(baseline, screened))
 
 
 def bases_at_ports(from_here: Sequence[Fitted[AxisPhysics]], sizes: MachineSizes | None) -> Iterator[Base]:
@@ -83,8 +83,8 @@ def bases_at_ports(from_here: Sequence[Fitted[AxisPhysics]], sizes: MachineSizes
     own = () if sizes is None or not seen else sized_for(PORT_EFFECTS, sizes)
     for before in dict.fromkeys(from_here):
         applying = _applying(before, own)
-        screened = [found for found in screen(before, applying) if _promises(found, before)] if applying else []
-        fits = [(found.effect, fitted) for found in screened[:_FITTED] for fitted in _with_port(before, found)]
+        screened = [port for port in screen(before, applying) if _promises(port, before)] if applying else []
+        fits = [(port.effect, fitted) for port in screened[:_FITTED] for fitted in _with_port(before, port)]
         yield from (Base(fitted, effect, before) for effect, fitted in fits)
         if any(not judged_gap(fitted).exceeds_healthy for _, fitted in fits):
             return
@@ -99,16 +99,16 @@ def _promises(screened: Screened[AxisPhysics], before: Fitted[AxisPhysics]) -> b
     return screened.predicted_gain >= before.comparison.least_delta_bic
 
 
-def _with_port(before: Fitted[AxisPhysics], found: Screened[AxisPhysics]) -> Iterator[Fitted[AxisPhysics]]:
+def _with_port(before: Fitted[AxisPhysics], port: Screened[AxisPhysics]) -> Iterator[Fitted[AxisPhysics]]:
     """Yield the fit with something on a port, if the model has an answer with it.
 
     Where the gap is large, what a fit without the port made of everything else leads astray: a fit also starts from the
     axis as stated, with the port as it was found.
     """
-    hypothesis = before.hypothesis.with_effect(found.effect)
+    hypothesis = before.hypothesis.with_effect(port.effect)
     as_fitted = hypothesis.carried_over(before.hypothesis, before.coordinates)
     fits = list[Fitted[AxisPhysics]]()
-    for start in found.starts[:1]:
+    for start in port.starts[:1]:
         for others in (start, as_fitted):
             with suppress(OutsideValidityError):
                 fits = [_fit_from(before, hypothesis, others, start)]
@@ -170,12 +170,12 @@ class Answer:
 def settled(answer: Answer) -> Answer:
     """Return an answer from where a fit begun anew falls no further: a law may end in a flat and bent valley."""
     for _ in range(_MOST_RESTARTS if answer.tried is not None else 0):
-        at = answer.fitted
+        fitted = answer.fitted
         try:
-            again = fit(at.comparison, at.hypothesis, at.coordinates, at.fitted)
+            again = fit(fitted.comparison, fitted.hypothesis, fitted.coordinates, fitted.fitted)
         except OutsideValidityError:  # with settings as stated, and not as they are likely to be
             break
-        fallen = at.cost - again.cost
+        fallen = fitted.cost - again.cost
         if fallen > 0.0:
             answer = replace(answer, fitted=again)
         if fallen < _SETTLED:

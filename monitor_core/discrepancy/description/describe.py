@@ -147,19 +147,19 @@ def following_excitation(
     if not _may_be_described(baseline) or ConditionAxis.LEVEL not in varied_conditions(baseline.comparison.layout):
         return None
     progress("asking whether something follows the excitation by another law")
-    found, _ = _described(baseline, fitted, (Base(baseline),), (), progress, least_explained=0.0)
-    if found is None or found.fitted is None or found.kept:
+    law_fit, _ = _described(baseline, fitted, (Base(baseline),), (), progress, least_explained=0.0)
+    if law_fit is None or law_fit.fitted is None or law_fit.kept:
         return None
-    law = found.described.law
+    law = law_fit.described.law
     if law is None or law.variable is not Variable.EXCITATION:
         return None
-    if _explains_as_much_again(baseline, fitted, found.fitted):
-        return found
-    if judged_gap(found.fitted).exceeds_healthy:
+    if _explains_as_much_again(baseline, fitted, law_fit.fitted):
+        return law_fit
+    if judged_gap(law_fit.fitted).exceeds_healthy:
         return None
     # where names leave nothing, what explains more than they do need not explain most of what is missing
-    share = explained_share(baseline, found.fitted, remainder_of(found.fitted).misfit)
-    return found if share >= _LEAST_EXPLAINED or not judged_gap(fitted).exceeds_healthy else None
+    share = explained_share(baseline, law_fit.fitted, remainder_of(law_fit.fitted).misfit)
+    return law_fit if share >= _LEAST_EXPLAINED or not judged_gap(fitted).exceeds_healthy else None
 
 
 def _explains_as_much_again(baseline: Fitted[Any], fitted: Fitted[Any], other: Fitted[Any]) -> bool:
@@ -346,13 +346,13 @@ def _hung_elsewhere(
         return
     progress(f"refitting with {quantity.name} at the {quantity.place} that varies with {tried.law.variable}")
     effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, tried.law)
-    hypothesis, found = base.fitted.hypothesis.with_effect(effect), best.fitted
-    start = hypothesis.carried_over(found.hypothesis, found.coordinates)
+    hypothesis, best_fit = base.fitted.hypothesis.with_effect(effect), best.fitted
+    start = hypothesis.carried_over(best_fit.hypothesis, best_fit.coordinates)
     n_own = sum(len(each.parameters) for each in hypothesis.effects[-2:])
-    start[start.size - n_own :] = found.coordinates[found.coordinates.size - n_own :]
+    start[start.size - n_own :] = best_fit.coordinates[best_fit.coordinates.size - n_own :]
     moved = replace(tried, variation=replace(tried.variation, quantity=quantity))
     with suppress(OutsideValidityError):
-        yield Answer(base, fit(found.comparison, hypothesis, start, found.fitted), effect, moved)
+        yield Answer(base, fit(best_fit.comparison, hypothesis, start, best_fit.fitted), effect, moved)
 
 
 def _without_needless(answer: Answer, kept: frozenset[str]) -> Answer:

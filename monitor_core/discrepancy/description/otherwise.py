@@ -52,14 +52,14 @@ class Otherwise(Generic[Physics]):
 
     def follows(self, baseline: Fitted[Physics], fitted: Fitted[Physics]) -> Description | None:
         """Return what follows the excitation in the place of the one name of this fit, or of one asked about before."""
-        before = next((found for found in self._following.values() if found is not None), None)
-        if before is None and fitted not in self._following:
+        known_follower = next((follower for follower in self._following.values() if follower is not None), None)
+        if known_follower is None and fitted not in self._following:
             self._following[fitted] = self._asked_of_excitation(baseline, fitted)
-        return before or self._following[fitted]
+        return known_follower or self._following[fitted]
 
     def _asked_of_excitation(self, baseline: Fitted[Physics], fitted: Fitted[Physics]) -> Description | None:
-        found = findings(fitted)
-        may_follow = len(found) == 1 and (may_lack_more(fitted) or goes_with_amplitude(found[0]))
+        effects = findings(fitted)
+        may_follow = len(effects) == 1 and (may_lack_more(fitted) or goes_with_amplitude(effects[0]))
         if not may_follow or self._wanders(fitted):
             return None
         follows = following_excitation(baseline, fitted, self.progress)

@@ -260,8 +260,8 @@ class TriedLaw:
 
 def tried_laws(variation: FreeVariation, settings: tuple[AxisSetting, ...], lead: float) -> tuple[TriedLaw, ...]:
     """Return every law that the settings could show, at its best coefficients, least χ² with its penalty first."""
-    found = [tried_law(variation, law, settings) for law in _laws(settings, lead)]
-    laws = [law for law in found if law is not None]
+    tried = [tried_law(variation, law, settings) for law in _laws(settings, lead)]
+    laws = [law for law in tried if law is not None]
     penalty = np.log(max(variation.cost.shape[0], 2))
     return tuple(sorted(laws, key=lambda tried: tried.cost + penalty * len(tried.coefficients)))
 
@@ -324,4 +324,4 @@ def _tried(form: Form) -> Iterable[tuple[float, ...]]:
         case Form.QUADRATIC | Form.PERIODIC:
             return itertools.product(_SECOND, _SECOND)
         case Form.YIELDING:
-            return ((size * np.cos(at), size * np.sin(at)) for size in _AMPLITUDES for at in _ANGLES)
+            return ((size * np.cos(angle), size * np.sin(angle)) for size in _AMPLITUDES for angle in _ANGLES)

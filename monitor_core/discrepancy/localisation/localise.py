@@ -214,10 +214,10 @@ def _places(tested: ResidualsUnderTest, standardised: FloatArray) -> Iterator[Mi
     """Yield places one after the other, each found in what those before it have left."""
     worst, remnant, reported = 0.0, 0.0, {MisfitKind.UNCLEAR, MisfitKind.EXTRA_MODE}
     for _ in range(_MOST_PLACES):
-        found = run_joint_tests(tested)
-        if found.p_value > LEVEL:
+        joint = run_joint_tests(tested)
+        if joint.p_value > LEVEL:
             return
-        chosen = narrow(tested.groupings, tested.residuals**2, tested.counts) if found.in_groups else {}
+        chosen = narrow(tested.groupings, tested.residuals**2, tested.counts) if joint.in_groups else {}
         place = within(tested.groupings, chosen, tested.counts)
         kind = _kind(tested, chosen, place)
         left, size = (float(np.sqrt(np.mean(values[place] ** 2))) for values in (tested.residuals, standardised))
@@ -226,7 +226,7 @@ def _places(tested: ResidualsUnderTest, standardised: FloatArray) -> Iterator[Mi
             worst, remnant = left, min(float(np.sqrt(max(1.0 - kind.share, 0.0))), _SKIRT)
         if left >= (_SKIRT if kind.kind in reported else remnant) * worst:
             extents = tuple(tested.groupings[index].extent(chosen[index]) for index in sorted(chosen))
-            yield Misfit(MisfitPlace(extents, () if extents else tuple(found.trends)), size, kind.kind, found.p_value)
+            yield Misfit(MisfitPlace(extents, () if extents else tuple(joint.trends)), size, kind.kind, joint.p_value)
         reported.add(kind.kind)
         # The value after the place has a part of its last one in it, where neighbours are correlated.
         rest = tested.counts & ~place & ~(place[tested.previous] & (tested.previous >= 0))

@@ -53,14 +53,14 @@ def signatures(fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> d
         if kind is None:
             continue
         hypothesis = fitted.hypothesis.with_effect(effect)
-        at = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
+        start = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
         try:
-            slope = derivative(fitted.around, hypothesis, at, fitted.misfit, at.size - 1)
+            slope = derivative(fitted.around, hypothesis, start, fitted.misfit, start.size - 1)
         except OutsideValidityError:
             continue
         if np.any(slope):
             rows.setdefault(kind, []).append(fitted.around.whitened_by(slope))
-    return {kind: np.array(found) for kind, found in rows.items()}
+    return {kind: np.array(signatures) for kind, signatures in rows.items()}
 
 
 def kind_of_effect(effect: Effect[Physics]) -> MisfitKind | None:
@@ -150,11 +150,11 @@ def kind_of(
     return KindFound(kind, signature.rows, others, share)
 
 
-def take_out(residuals: FloatArray, found: KindFound, of: BoolArray) -> FloatArray:
+def take_out(residuals: FloatArray, kind: KindFound, of: BoolArray) -> FloatArray:
     """Return the residuals without what the kind explains of the chosen values besides its companions."""
-    rows = np.vstack([found.rows, found.companions])
+    rows = np.vstack([kind.rows, kind.companions])
     amounts = _amounts(rows, residuals, of)
-    return residuals - amounts[: found.rows.shape[0]] @ found.rows
+    return residuals - amounts[: kind.rows.shape[0]] @ kind.rows
 
 
 def explained(rows: FloatArray, residuals: FloatArray) -> tuple[float, int]:
@@ -237,8 +237,10 @@ def _is_extra_mode(layout: Layout, residuals: FloatArray, signatures: Sequence[S
         return False
     low, high = np.min(layout.frequency[place]), np.max(layout.frequency[place])
     around = (layout.frequency >= low / _AROUND) & (layout.frequency <= high * _AROUND)
-    at = [around & (positions == position) & np.isin(layout.channel, layout.channel[place]) for position in distinct]
-    centres = [np.average(np.log(layout.frequency[lines]), weights=residuals[lines] ** 2) for lines in at]
+    of_positions = [
+        around & (positions == position) & np.isin(layout.channel, layout.channel[place]) for position in distinct
+    ]
+    centres = [np.average(np.log(layout.frequency[lines]), weights=residuals[lines] ** 2) for lines in of_positions]
     dampings = [signature.rows for signature in signatures if signature.kind is MisfitKind.DAMPING]
     own = np.sum(np.vstack([np.zeros((1, layout.n_values)), *dampings]) ** 2, axis=0)
     still = high <= _NARROW * low and np.ptp(centres) < _STANDS_STILL
@@ -257,7 +259,9 @@ def _level_within_matched_settings(layout: Layout) -> FloatArray:
     level = levels_of(layout, ConditionAxis.LEVEL)
     matched: dict[tuple[tuple[str, str], ...], list[int]] = defaultdict(list)
     for index, setting in enumerate(layout.settings):
-        others = sorted((str(axis), f"{at:.6g}") for axis, at in setting.values.items() if axis != ConditionAxis.LEVEL)
+        others = sorted(
+            (str(axis), f"{value:.6g}") for axis, value in setting.values.items() if axis != ConditionAxis.LEVEL
+        )
         if level[index] > 0.0:
             matched[tuple(others)].append(index)
     centred = np.zeros(level.size)

@@ -66,9 +66,9 @@ def _directions(fitted: Fitted[Physics], records: HasRecords[Physics]) -> Iterat
     ranges = records.tag_ranges(physics, 0)
     for tag in TAGS:
         if tag in ranges and tag not in {"position", "preload"}:
-            at, (low, high) = records.tags(tag), ranges[tag]
+            tags, (low, high) = records.tags(tag), ranges[tag]
             try:
-                yield slope_by_tag(records, physics, tag, at, np.full_like(at, _STEP * (high - low)))
+                yield slope_by_tag(records, physics, tag, tags, np.full_like(tags, _STEP * (high - low)))
             except OutsideValidityError:
                 continue
 
@@ -253,8 +253,8 @@ def _refitted(fitted: Fitted[Physics], rest: HasRecords[Physics]) -> Fitted[Phys
 
 def _depends(fitted: Fitted[Physics], whole: HasRecords[Physics]) -> bool:
     """Return whether a model depends on the temperature at all."""
-    at = whole.tags(_TAG)
-    return bool(np.any(slope_by_tag(whole, fitted.physics(), _TAG, at, np.ones_like(at))))
+    tags = whole.tags(_TAG)
+    return bool(np.any(slope_by_tag(whole, fitted.physics(), _TAG, tags, np.ones_like(tags))))
 
 
 #: Of the records, how many may be wrong; more is another model.
@@ -317,10 +317,12 @@ class Records(Generic[Physics]):
         if not isinstance(kept, HasRecords) or not isinstance(whole, HasRecords) or self._has_enough_wrong:
             return None
         numbers = self._numbers
-        found = found_for(fitted, without, kept, frozenset(numbers.index(each) for each in self.right - self.wrong))
-        if found is None:
+        needed_for = found_for(
+            fitted, without, kept, frozenset(numbers.index(each) for each in self.right - self.wrong)
+        )
+        if needed_for is None:
             return None
-        record = self._worst_at(numbers[found.place], found.without, whole)
+        record = self._worst_at(numbers[needed_for.place], needed_for.without, whole)
         return None if record is None else Worst(record)
 
     @property
@@ -380,8 +382,8 @@ class Records(Generic[Physics]):
         """
         if not isinstance(self.whole, HasRecords):
             return ()
-        found = [record_under(fitted, self.whole, index) for index in self.wrong]
-        return tuple(sorted((each for each in found if each is not None), key=lambda each: -each.delta_bic))
+        wrong = [record_under(fitted, self.whole, index) for index in self.wrong]
+        return tuple(sorted((each for each in wrong if each is not None), key=lambda each: -each.delta_bic))
 
 
 def cleared(
@@ -399,13 +401,13 @@ def cleared(
     if not isinstance(comparison, HasRecords):
         return records
     hypothesis = Hypothesis(axis)
-    at = hypothesis.null
+    start = hypothesis.null
     while True:
         kept = records.kept
-        fitted = fit(kept, hypothesis, at, fitted_values(kept.layout))
+        fitted = fit(kept, hypothesis, start, fitted_values(kept.layout))
         worst = records.worst(fitted)
         if worst is None:
             return replace(records, right=frozenset(), baseline=None if records.wrong else fitted)
         progress(f"taking out record {worst.record.number} ({worst.record.setting})")
         records = records.with_wrong(worst)
-        at = fitted.coordinates
+        start = fitted.coordinates

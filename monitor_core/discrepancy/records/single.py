@@ -148,17 +148,17 @@ def least_along(
     costs = np.array([cost(row) for row in grid])
     columns = np.arange(grid.shape[1])
     best = np.argmin(costs, axis=0)
-    at, least = grid[best, columns], costs[best, columns]
-    below = at - grid[np.maximum(best - 1, 0), columns]
-    step = np.maximum(below, grid[np.minimum(best + 1, len(grid) - 1), columns] - at)
+    minimiser, least = grid[best, columns], costs[best, columns]
+    below = minimiser - grid[np.maximum(best - 1, 0), columns]
+    step = np.maximum(below, grid[np.minimum(best + 1, len(grid) - 1), columns] - minimiser)
     for _ in range(n_halvings):
         step = 0.5 * step
-        low, high = (np.clip(at + side * step, grid[0], grid[-1]) for side in (-1.0, 1.0))
+        low, high = (np.clip(minimiser + side * step, grid[0], grid[-1]) for side in (-1.0, 1.0))
         of_low, of_high = cost(low), cost(high)
         lower = np.where(of_low < of_high, low, high)
-        at = np.where(np.minimum(of_low, of_high) < least, lower, at)
+        minimiser = np.where(np.minimum(of_low, of_high) < least, lower, minimiser)
         least = np.minimum(np.minimum(of_low, of_high), least)
-    return at, least
+    return minimiser, least
 
 
 _N_GRID, _N_HALVINGS = 31, 10
@@ -236,26 +236,26 @@ class RecordsUnderTest(Generic[Physics]):
             return None
         spaced = np.geomspace if tag == "preload" else np.linspace
         grid = spaced(low, high, _N_GRID)
-        found, _ = least_along(chi_squared, grid, _N_HALVINGS)
-        there = record_costs(records.retagged(tag, found), self.physics, self.scatter)
+        most_likely, _ = least_along(chi_squared, grid, _N_HALVINGS)
+        there = record_costs(records.retagged(tag, most_likely), self.physics, self.scatter)
         taken = here.chi_squared - there.chi_squared
-        _, _, deviation = there.taken_by(slope_by_tag(records, self.physics, tag, found, step))
-        return Freed(fault, unit, stated * per_unit, found * per_unit, deviation * per_unit, taken)
+        _, _, deviation = there.taken_by(slope_by_tag(records, self.physics, tag, most_likely, step))
+        return Freed(fault, unit, stated * per_unit, most_likely * per_unit, deviation * per_unit, taken)
 
 
 def slope_by_tag(
-    records: HasRecords[Physics], physics: Physics, tag: str, at: FloatArray, step: FloatArray
+    records: HasRecords[Physics], physics: Physics, tag: str, tags: FloatArray, step: FloatArray
 ) -> FloatArray:
     """Return the derivative of the misfit by the tags of all records, shape (n_values,).
 
     ``at`` are the tags and ``step`` how far to move them, to the other side where the model has no answer; shape
     (n_settings,) both.
     """
-    here = records.retagged(tag, at).misfit(physics)
+    here = records.retagged(tag, tags).misfit(physics)
     try:
-        moved, step = records.retagged(tag, at - step).misfit(physics), -step
+        moved, step = records.retagged(tag, tags - step).misfit(physics), -step
     except OutsideValidityError:
-        moved = records.retagged(tag, at + step).misfit(physics)
+        moved = records.retagged(tag, tags + step).misfit(physics)
     return np.asarray(records.layout.difference(moved, here) / step[records.layout.setting])
 
 
@@ -322,14 +322,14 @@ def worst_record(
     others = ~wrong_before & ~np.isin(numbers, list(right))
     scores = np.where(others, _scores(fitted, whole, here, look), -np.inf)
     order = np.argsort(-scores, kind="stable")
-    found = [
+    candidates = [
         wrong
         for index in order[:_MOST_CLOSELY].tolist()
         if scores[index] > VERY_STRONG
         and not _shared_by_level(whole, index, scores, others, wrong_before)
         and (wrong := record_under(fitted, whole, index)) is not None
     ]
-    worst = max(found, key=lambda wrong: wrong.delta_bic, default=None)
+    worst = max(candidates, key=lambda wrong: wrong.delta_bic, default=None)
     if worst is None or not judged_gap(fitted).exceeds_healthy:
         return worst
     next_best = float(np.max(np.delete(scores, worst.number - 1), initial=0.0))
@@ -393,12 +393,12 @@ def _scores(fitted: Fitted[Physics], whole: HasRecords[Physics], here: RecordCos
 
     A variance of its own, a gain, or an error of a tag as far as it is linear.
     """
-    found = [look.of_variance(here.chi_squared, here.n_values)]
+    scores = [look.of_variance(here.chi_squared, here.n_values)]
     amplitude = np.where(np.isinf(whole.layout.period), 1.0, 0.0)
-    found.append(look.of_taken(here.taken_by(amplitude)[0]))
+    scores.append(look.of_taken(here.taken_by(amplitude)[0]))
     for row in here.directions:
-        found.append(look.of_taken(here.taken_by(row * here.deviation)[0]))
-    return np.asarray(np.max(found, axis=0))
+        scores.append(look.of_taken(here.taken_by(row * here.deviation)[0]))
+    return np.asarray(np.max(scores, axis=0))
 
 
 def _shared_by_level(

@@ -119,7 +119,7 @@ def screen_without_tolerance(
         tried += [pair for pair in far if math.isfinite(pair[0])]
     tried.sort(key=lambda pair: pair[0], reverse=True)
     with_effect = hypothesis.with_effect(effect)
-    starts = tuple(with_effect.carried_over(hypothesis, at) for _, at in tried[:N_STARTS])
+    starts = tuple(with_effect.carried_over(hypothesis, coordinates) for _, coordinates in tried[:N_STARTS])
     apart = None if elsewhere is None else with_effect.carried_over(hypothesis, elsewhere)
     return Screened(effect, starts, tried[0][0], decrease, information, apart)
 

@@ -69,7 +69,7 @@ def substitute_parameter(fitted: Fitted[Physics], effect: Effect[Physics]) -> Fl
 
 
 def substitute_effect(
-    found: Fitted[Physics], effect: Effect[Physics], other: Effect[Physics]
+    fitted: Fitted[Physics], effect: Effect[Physics], other: Effect[Physics]
 ) -> tuple[float, FloatArray]:
     """Return by how much χ² rises with another effect substituted for a found effect, and where.
 
@@ -77,52 +77,52 @@ def substitute_effect(
     the model has no answer, and for an effect with a frequency of its own, of which a few sizes tell nothing. The
     coordinates are of the hypothesis with the other effect as its last.
     """
-    hypothesis = found.hypothesis.without(effect.key).with_effect(other)
-    there = hypothesis.carried_over(found.hypothesis, found.coordinates)
+    hypothesis = fitted.hypothesis.without(effect.key).with_effect(other)
+    there = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
     if other.frequency is not None:
         return math.inf, there
-    projection = Projection(found, without=effect)
-    here = projection.residuals(found.standardised)
+    projection = Projection(fitted, without=effect)
+    here = projection.residuals(fitted.standardised)
 
     def rise(trial: FloatArray) -> float:
-        left = projection.residuals(found.around.residuals(hypothesis.physics(trial)))
+        left = projection.residuals(fitted.around.residuals(hypothesis.physics(trial)))
         return float(left @ left - here @ here)
 
     first = there.size - len(other.parameters)
     least, best = math.inf, there
-    for at, parameter in enumerate(other.parameters, first):
+    for index, parameter in enumerate(other.parameters, first):
         if not is_size(parameter):
             continue
-        found_there = _best_size(there, at, other, parameter, _COARSE, rise)
+        found_there = _best_size(there, index, other, parameter, _COARSE, rise)
         least, best = min((least, best), found_there, key=lambda pair: pair[0])
     return least, best
 
 
 def _best_size(  # noqa: PLR0917
     there: FloatArray,
-    at: int,
+    index: int,
     effect: Effect[Physics],
     parameter: EffectParameter,
     ratio: float,
     cost: Callable[[FloatArray], float],
 ) -> tuple[float, FloatArray]:
     """Return the least cost of sizes that are a ratio apart, then of closer ones about the best, and where."""
-    found = _best(there, at, _sizes(effect, parameter, ratio), cost)
+    best = _best(there, index, _sizes(effect, parameter, ratio), cost)
     low, high = searched_coordinates(effect, parameter)
     for power in _FINER:
-        size, factor = found[1][at], ratio**power
+        size, factor = best[1][index], ratio**power
         around = [finer for finer in (size * factor, size / factor) if low <= finer <= high]
-        found = min(found, _best(found[1], at, around, cost), key=lambda pair: pair[0])
-    return found
+        best = min(best, _best(best[1], index, around, cost), key=lambda pair: pair[0])
+    return best
 
 
 def _best(
-    at: FloatArray, index: int, values: Iterable[float], cost: Callable[[FloatArray], float]
+    coordinates: FloatArray, index: int, values: Iterable[float], cost: Callable[[FloatArray], float]
 ) -> tuple[float, FloatArray]:
-    """Return the least cost of values of one coordinate, and where; infinite, at ``at``, where there is no answer."""
-    least, best = math.inf, at
+    """Return the least cost of values of one coordinate, and where; infinite where there is no answer, unmoved."""
+    least, best = math.inf, coordinates
     for value in values:
-        trial = at.copy()
+        trial = coordinates.copy()
         trial[index] = value
         try:
             here = cost(trial)

@@ -34,9 +34,9 @@ def unseen_in_place(
     """
     if not has_lines(workspace.comparison.layout):
         return ()
-    found = sorted(_in_place(workspace, final, accepted, scale), key=lambda unseen: -unseen.delta_bic)
+    by_gain = sorted(_in_place(workspace, final, accepted, scale), key=lambda unseen: -unseen.delta_bic)
     best: dict[tuple[str, frozenset[str]], Unseen] = {}
-    for unseen in found:
+    for unseen in by_gain:
         best.setdefault((unseen.key, unseen.instead_of), unseen)
     return tuple(best.values())
 
@@ -51,13 +51,13 @@ def _in_place(
     missing = _OF_AMPLITUDE - varied_conditions(workspace.comparison.layout)
     effects = [each for each in workspace.candidates if each.needs & missing and each.applies(physics)]
     least, names = -least_difference(workspace.comparison), {each.effect.key for each in accepted}
-    for found in accepted if effects else ():
-        worth_it = settings.least_share_of_gain * (found.without.cost - final.cost)
-        for screened in screen(found.without, effects):
+    for step in accepted if effects else ():
+        worth_it = settings.least_share_of_gain * (step.without.cost - final.cost)
+        for screened in screen(step.without, effects):
             if screened.predicted_gain < max(worth_it, settings.least_predicted_gain):
                 break
-            workspace.progress(f"asking whether {screened.effect.key} would do in the place of {found.effect.key}")
-            fitted = _fitted(workspace, found.without, screened)
+            workspace.progress(f"asking whether {screened.effect.key} would do in the place of {step.effect.key}")
+            fitted = _fitted(workspace, step.without, screened)
             if fitted is None:
                 continue
             alone = fitted = prune(workspace, fitted, fitted.hypothesis.effects[:-1])

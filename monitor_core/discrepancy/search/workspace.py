@@ -63,12 +63,12 @@ def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
     It is taken about their mean: an error that is alike in all settings is left to a tolerance or an offset.
     """
     errors = fitted.around.whitened_by.pulls(fitted.misfit)
-    found = {}
+    variances = {}
     for name, column in zip(fitted.comparison.condition_error_names, errors.T, strict=True):
         known = column[np.isfinite(column)]
         if known.size:
-            found[name] = float(np.var(known))
-    return found
+            variances[name] = float(np.var(known))
+    return variances
 
 
 def are_pulled(variances: Mapping[str, float], most: float) -> bool:
@@ -261,7 +261,9 @@ class Workspace(Generic[Physics]):
     def _known_screening(self, fitted: Fitted[Physics]) -> tuple[Screened[Physics], ...] | None:
         effects = fitted.hypothesis.effects  # in their order: what was found are coordinates
         same = (
-            found for at, found in self._screened if at.hypothesis.effects == effects and in_same_minimum(at, fitted)
+            screened
+            for earlier, screened in self._screened
+            if earlier.hypothesis.effects == effects and in_same_minimum(earlier, fitted)
         )
         return next(same, None)
 
@@ -270,12 +272,12 @@ class Workspace(Generic[Physics]):
     ) -> tuple[Rival[Physics], ...]:
         """Return the refits with one more effect from a fit, made by ``refit`` once only in each minimum."""
         keys = fitted.hypothesis.keys
-        for at, found in self._rivals:
-            if at.hypothesis.keys == keys and in_same_minimum(at, fitted):
-                return found
-        found = refit()
-        self._rivals.append((fitted, found))
-        return found
+        for earlier, rivals in self._rivals:
+            if earlier.hypothesis.keys == keys and in_same_minimum(earlier, fitted):
+                return rivals
+        rivals = refit()
+        self._rivals.append((fitted, rivals))
+        return rivals
 
     def least_evidence(self, without: Fitted[Physics]) -> float:
         """Return the gain of BIC that one more effect needs.

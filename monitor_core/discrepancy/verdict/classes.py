@@ -122,9 +122,9 @@ def foreign_modes(without: Fitted[Physics], effects: Sequence[Effect[Physics]]) 
     layout = without.comparison.layout
     frequencies = []
     for channel in modes_that_stay(layout):
-        at = without.fitted & (layout.channel == channel)
-        if np.any(at) and np.min(np.abs(without.misfit[at])) > _ANOTHER_MODE:
-            frequencies.append(float(np.exp(np.mean(np.log(layout.frequency[at])))))
+        lines = without.fitted & (layout.channel == channel)
+        if np.any(lines) and np.min(np.abs(without.misfit[lines])) > _ANOTHER_MODE:
+            frequencies.append(float(np.exp(np.mean(np.log(layout.frequency[lines])))))
     return tuple(
         effect.key for effect in effects if any(_may_hide_at(effect, frequency, without) for frequency in frequencies)
     )
@@ -343,11 +343,11 @@ def _is_plausible(fitted: Fitted[Physics], index: int, scale: EvidenceScale) -> 
     value = fitted.hypothesis.values(fitted.coordinates)[effect.key][parameter.name]
     if parameter.beyond or not _at_an_end(effect, parameter, value):
         return parameter.lower <= value <= parameter.upper
-    at = fitted.hypothesis.n_uncertain + index
-    slope = float(fitted.jacobian[fitted.fitted, at] @ fitted.standardised[fitted.fitted])
+    coordinate = fitted.hypothesis.n_uncertain + index
+    slope = float(fitted.jacobian[fitted.fitted, coordinate] @ fitted.standardised[fitted.fitted])
     downhill = -slope * parameter.scale  # a scale may be negative: that of what can only become less
     outward = downhill > 0.0 if parameter.upper - value < value - parameter.lower else downhill < 0.0
-    promised = scale.factor**2 * slope**2 * float(covariance(fitted, scale)[at, at])
+    promised = scale.factor**2 * slope**2 * float(covariance(fitted, scale)[coordinate, coordinate])
     return not (outward and promised > STRONG)
 
 
@@ -371,12 +371,12 @@ def found_parameters(
     """
     values = stated.hypothesis.values(stated.coordinates)[member.effect.key]
     variances = np.diag(covariance(stated, scale))
-    found = {}
+    parameters = {}
     for index, (effect, parameter) in enumerate(stated.hypothesis.unknowns):
         if effect.key != member.effect.key:
             continue
-        value, at = values[parameter.name], stated.hypothesis.n_uncertain + index
-        scatter = math.sqrt(max(float(variances[at]), 0.0))
+        value, coordinate = values[parameter.name], stated.hypothesis.n_uncertain + index
+        scatter = math.sqrt(max(float(variances[coordinate]), 0.0))
         form = effect.form_share * abs(value) if is_size(parameter) else 0.0
         deviation = math.hypot(parameter.scale * scatter, form)
         lower, upper = (
@@ -385,5 +385,7 @@ def found_parameters(
         interval = (max(lower, value - 1.959964 * deviation), min(upper, value + 1.959964 * deviation))
         at_end = _at_an_end(effect, parameter, value)
         plausible = _is_plausible(stated, index, scale)
-        found[parameter.name] = FoundParameter(Estimate(value, deviation), parameter.unit, interval, plausible, at_end)
-    return found
+        parameters[parameter.name] = FoundParameter(
+            Estimate(value, deviation), parameter.unit, interval, plausible, at_end
+        )
+    return parameters

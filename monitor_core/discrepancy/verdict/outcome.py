@@ -139,17 +139,17 @@ def outcome_of(
     left = remainder.is_left(settings)
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
-    plausible = [found for found in classes if found.is_plausible]
+    plausible = [group for group in classes if group.is_plausible]
     if not plausible or (left and explained < settings.least_share):
         return Outcome.UNKNOWN
-    stand_ins = [found.representative.delta_bic for found in classes if not found.is_plausible]
-    if sum(stand_ins) > sum(found.representative.delta_bic for found in plausible):
+    stand_ins = [group.representative.delta_bic for group in classes if not group.is_plausible]
+    if sum(stand_ins) > sum(group.representative.delta_bic for group in plausible):
         return Outcome.UNKNOWN  # what has a name explains less than what stands in for something else
-    if remainder.gap.exceeds_healthy and all(found.look_alikes for found in classes):
+    if remainder.gap.exceeds_healthy and all(group.look_alikes for group in classes):
         return Outcome.UNKNOWN  # a model that lacks something distinguishes look-alikes by chance
     if left or len(plausible) < len(classes):
         return Outcome.PARTIAL
-    return Outcome.EQUIVALENT if any(found.others for found in classes) else Outcome.NAMED
+    return Outcome.EQUIVALENT if any(group.others for group in classes) else Outcome.NAMED
 
 
 def names_nothing(baseline: Fitted[Physics], final: Fitted[Physics], settings: OutcomeSettings) -> bool:

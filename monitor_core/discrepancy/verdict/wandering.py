@@ -63,9 +63,9 @@ def wandering(
         least = final.comparison.least_delta_bic if left else max(evidence, final.comparison.least_delta_bic)
         if effect.frequency is None or least > most:
             continue
-        found = wandering_of(final, effect)
-        if found.delta_bic > least and found.taken > _LEAST_OF_REMAINDER * remainder.misfit:
-            wanders[effect.key] = found
+        of_effect = wandering_of(final, effect)
+        if of_effect.delta_bic > least and of_effect.taken > _LEAST_OF_REMAINDER * remainder.misfit:
+            wanders[effect.key] = of_effect
     return wanders
 
 
@@ -74,8 +74,8 @@ def leaves_only_wandering(fitted: Fitted[Physics], settings: OutcomeSettings) ->
     remainder = remainder_of(fitted)
     if not remainder.is_left(settings):
         return False
-    found = wandering(fitted, ((effect, math.inf) for effect in fitted.hypothesis.effects), remainder, settings)
-    return any(each.taken > _ALMOST_ALL * remainder.misfit for each in found.values())
+    wanders = wandering(fitted, ((effect, math.inf) for effect in fitted.hypothesis.effects), remainder, settings)
+    return any(each.taken > _ALMOST_ALL * remainder.misfit for each in wanders.values())
 
 
 def wandering_of(fitted: Fitted[Physics], effect: Effect[Physics]) -> Wandering:
@@ -84,11 +84,11 @@ def wandering_of(fitted: Fitted[Physics], effect: Effect[Physics]) -> Wandering:
     if own is None:
         raise OutsideValidityError(f"only an effect with a frequency of its own may wander; got {effect.key}")
     names = [(of.key, parameter.name) for of, parameter in unknowns]
-    at = fitted.hypothesis.n_uncertain + names.index((effect.key, own.name))
-    here = own.null + own.scale * float(fitted.coordinates[at])
+    index = fitted.hypothesis.n_uncertain + names.index((effect.key, own.name))
+    here = own.null + own.scale * float(fitted.coordinates[index])
     costs = {here: costs_of_settings(fitted, fitted.physics())}
     for frequency in (here * np.exp(_LN_FACTORS)).tolist():
-        cost = _costs(fitted, at, (frequency - own.null) / own.scale)
+        cost = _costs(fitted, index, (frequency - own.null) / own.scale)
         if cost is not None:
             costs[frequency] = cost
     tried, table = np.array(list(costs)), np.array(list(costs.values()))
@@ -98,9 +98,9 @@ def wandering_of(fitted: Fitted[Physics], effect: Effect[Physics]) -> Wandering:
     return Wandering(float(np.min(best)), float(np.max(best)), taken, evidence)
 
 
-def _costs(fitted: Fitted[Physics], at: int, coordinate: float) -> FloatArray | None:
+def _costs(fitted: Fitted[Physics], index: int, coordinate: float) -> FloatArray | None:
     moved = fitted.coordinates.copy()
-    moved[at] = coordinate
+    moved[index] = coordinate
     try:
         return costs_of_settings(fitted, fitted.hypothesis.physics(moved))
     except OutsideValidityError:
