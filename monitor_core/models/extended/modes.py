@@ -40,10 +40,10 @@ Index = npt.NDArray[np.intp]
 
 #: Largest step of the damping, and the smallest before a pole is given up, as shares of the damping.
 _LARGEST_DEGREE, _SMALLEST_DEGREE = 0.5, 2.0**-14
-#: Steps until the whole damping is there; a drive whose poles pass near each other takes two hundred.
+#: Steps until the whole damping is there; one percent of loss in each part takes ten, five percent in the steel fifty.
 _MOST_STEPS = 1000
-#: Largest move of a pole in one step, as a share of its distance to the next one, and of its own magnitude.
-_FOLLOWED, _LARGEST_MOVE = 0.1, 0.05
+#: By how much a pole may miss where it was expected, as a share of its distance to the next one, and of its magnitude.
+_FOLLOWED, _LARGEST_MISS = 0.1, 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,14 +62,17 @@ class Drives:
 def follow_damping(drives_with: Callable[[float], Drives], omega: ComplexArray, condition: Index) -> ComplexArray:
     """Follow the zeros from the undamped ones while damping grows, in steps so small that none takes another's place.
 
-    ``drives_with`` returns the drives with a share of their damping.
+    ``drives_with`` returns the drives with a share of their damping. Zeros are sought where they would be if they went
+    on as in the step before, so that those that move alongside each other, however near, need no small steps.
     """
-    share, degree = 0.0, _LARGEST_DEGREE
+    share, degree, slope = 0.0, _LARGEST_DEGREE, np.zeros_like(omega)
     for _ in range(_MOST_STEPS):
         degree = min(degree, 1.0 - share)
-        after = _newton(drives_with(share + degree), omega, condition)
-        room = np.minimum(_room(omega, condition), _room(after, condition))
-        if np.all(np.abs(after - omega) <= room):  # not where it is nan
+        expected = omega + degree * slope
+        after = _newton(drives_with(share + degree), expected, condition)
+        room = np.minimum(_room(expected, condition), _room(after, condition))
+        if np.all(np.abs(after - expected) <= room):  # not where it is nan
+            slope = (after - omega) / degree
             omega, share, degree = after, share + degree, min(2.0 * degree, _LARGEST_DEGREE)
             if share >= 1.0:
                 return omega
@@ -77,7 +80,7 @@ def follow_damping(drives_with: Callable[[float], Drives], omega: ComplexArray, 
             degree *= 0.5
         else:
             break
-    lost = float(np.abs(omega[np.argmin(room - np.abs(after - omega))])) / (2.0 * math.pi)
+    lost = float(np.abs(omega[np.argmin(room - np.abs(after - expected))])) / (2.0 * math.pi)
     raise OutsideValidityError(
         f"the mode near {lost:.6g} Hz is damped so strongly that it ceases to oscillate or meets another one, "
         f"at {share:.3%} of its damping; this model needs underdamped modes"
@@ -85,10 +88,10 @@ def follow_damping(drives_with: Callable[[float], Drives], omega: ComplexArray, 
 
 
 def _room(omega: ComplexArray, condition: Index) -> FloatArray:
-    """Return how far each zero may move at once: a share of the distance to the next zero, or to its mirror image."""
+    """Return how far each zero may be missed: by a share of the distance to the next zero, or to its mirror image."""
     apart = np.where(condition[:, None] == condition[None, :], np.abs(omega[:, None] - omega[None, :]), np.inf)
     np.fill_diagonal(apart, 2.0 * omega.real)
-    return np.asarray(np.minimum(_FOLLOWED * np.min(apart, axis=1), _LARGEST_MOVE * np.abs(omega)))
+    return np.asarray(np.minimum(_FOLLOWED * np.min(apart, axis=1), _LARGEST_MISS * np.abs(omega)))
 
 
 def _newton(drives: Drives, start: ComplexArray, condition: Index) -> ComplexArray:
