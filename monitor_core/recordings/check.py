@@ -17,6 +17,7 @@ from monitor_core.recordings.elements.files import read_text
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import ModalRow, read_modal_table
 from monitor_core.recordings.raw import inspection
+from monitor_core.recordings.raw.channel_time import even_time
 from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import AsProposed, ChannelSummary
@@ -172,12 +173,11 @@ def _places(positions_mm: list[float]) -> tuple[float, ...]:
 
 
 def _channels_of(window: Window) -> Iterator[Channel]:
-    rate, start = window.sample_rate, window.started_at
-    unit = EXCITATION_UNIT[window.excitation_quantity]
-    yield Channel("excitation", window.excitation, unit, rate, start)
-    yield Channel("response", window.response, RESPONSE_UNIT, rate, start)
+    time = even_time(window.n_samples, window.sample_rate, zero=window.started_at)
+    yield Channel("excitation", window.excitation, EXCITATION_UNIT[window.excitation_quantity], time)
+    yield Channel("response", window.response, RESPONSE_UNIT, time)
     if window.position_trace is not None:
-        yield Channel("position", window.position_trace, "m", rate, start)
+        yield Channel("position", window.position_trace, "m", time)
 
 
 def _joined(name: str, windows: list[ChannelSummary]) -> ChannelSummary:

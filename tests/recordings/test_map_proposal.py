@@ -17,6 +17,7 @@ from hypothesis import given, strategies as st
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings import check_file, import_session, read_channel_map
+from monitor_core.recordings.raw.channel_time import ChannelTime
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.inspection import read_as_proposed
 from monitor_core.recordings.raw.mapping.times import times_of
@@ -246,7 +247,8 @@ def test_responses_of_an_analyser_are_proposed():
 
 def test_two_clocks_ask_for_a_rate():
     channels = (
-        Channel("Torque", CURRENT, "Nm", clock="Time 1"), Channel("Acceleration", ACCELERATION, "g", clock="Time 2"),
+        Channel("Torque", CURRENT, "Nm", ChannelTime(clock="Time 1")),
+        Channel("Acceleration", ACCELERATION, "g", ChannelTime(clock="Time 2")),
         Channel("Time 1", TIME, "s"), Channel("Time 2", TIME, "s"),
     )  # fmt: skip
     filled = Filled(proposed_map(Channels("scope.csv", channels)).toml())

@@ -62,7 +62,7 @@ def test_samples_are_what_was_written_in_each_version_and_packing(tmp_path, subt
 def test_each_group_has_its_clock_and_conversions_are_applied(mdf_file):
     channels = mdf4.read_channels(mdf_file)
     assert channels.names == ("1/time", "Current", "Voltage", "2/time", "Acc")
-    assert [channel.clock for channel in channels.channels] == [None, "1/time", "1/time", None, "2/time"]
+    assert [channel.time.clock for channel in channels.channels] == [None, "1/time", "1/time", None, "2/time"]
     assert [channel.unit for channel in channels.channels] == ["s", "A", "V", "s", "g"]
     np.testing.assert_array_equal(channels.channel("Voltage").samples, 0.25 * np.arange(200) - 1.0)
     assert channels.channel("Acc").samples.dtype == np.float32
@@ -71,13 +71,13 @@ def test_each_group_has_its_clock_and_conversions_are_applied(mdf_file):
 
 def test_a_channel_starts_at_its_first_sampling_time(mdf_file):
     channels = mdf4.read_channels(mdf_file)
-    assert channels.channel("Current").started_at == datetime(2025, 3, 1, 6, 0, 0, 500_000, tzinfo=UTC)
-    assert channels.channel("Acc").started_at == datetime(2025, 3, 1, 6, 0, 2, tzinfo=UTC)
+    assert channels.started_at(channels.channel("Current")) == datetime(2025, 3, 1, 6, 0, 0, 500_000, tzinfo=UTC)
+    assert channels.started_at(channels.channel("Acc")) == datetime(2025, 3, 1, 6, 0, 2, tzinfo=UTC)
 
 
 def test_a_local_time_without_zone_is_no_start(tmp_path):
     path = written(tmp_path / "a.mf4", [signal(CURRENT, TIMES, "Current")], start=datetime(2025, 3, 1, 7))  # noqa: DTZ001
-    assert mdf4.read_channels(path).channel("Current").started_at is None
+    assert mdf4.read_channels(path).channel("Current").time.zero is None
 
 
 def test_samples_that_the_file_calls_invalid_are_nan(tmp_path):

@@ -46,8 +46,8 @@ def test_instants_become_seconds_from_the_first_which_is_the_start(tmp_path, uni
     for name in ("utc", "local"):
         np.testing.assert_array_equal(channels.channel(name).samples, np.arange(5) / 1000)
         assert channels.channel(name).unit == "s"
-    assert channels.channel("utc").started_at == datetime(2025, 3, 1, 6, 0, 0, 250_000, tzinfo=UTC)
-    assert channels.channel("local").started_at is None
+    assert channels.started_at(channels.channel("utc")) == datetime(2025, 3, 1, 6, 0, 0, 250_000, tzinfo=UTC)
+    assert channels.channel("local").time.started_at is None
 
 
 def test_units_come_from_the_metadata_of_a_column_and_gaps_are_nan(tmp_path):

@@ -217,9 +217,9 @@ def test_tdms_channels_know_unit_rate_and_start_in_utc(tdms_file):
     np.testing.assert_array_equal(torque.samples, np.tile(SAMPLES, 2))
     assert torque.samples.dtype == np.float32
     assert torque.unit == "N.m"
-    assert torque.sample_rate == pytest.approx(10_000.0, rel=1e-15)
-    assert torque.started_at.isoformat() == "2025-03-01T06:00:00.750000+00:00"
-    assert channels.channel("Drive/Counts").started_at is None  # 1904 is LabVIEW's word for *no time*
+    assert torque.time.sample_rate == pytest.approx(10_000.0, rel=1e-15)
+    assert torque.time.started_at.isoformat() == "2025-03-01T06:00:00.750000+00:00"
+    assert channels.channel("Drive/Counts").time.started_at is None  # 1904 is LabVIEW's word for *no time*
 
 
 def test_a_last_segment_that_is_cut_off_is_not_dropped_in_silence(tdms_file):
@@ -302,8 +302,8 @@ def test_time_histories_in_text_and_binary_of_both_byte_orders_are_read(uff_file
     assert channels.names == ("Acc 1", "Acc 2")
     np.testing.assert_array_equal(channels.channel("Acc 1").samples, values)
     assert [channel.unit for channel in channels.channels] == ["m/s2", "g"]
-    assert channels.channels[0].sample_rate == pytest.approx(10_000.0, rel=1e-15)
-    assert channels.channels[0].started_at is None  # its date carries no zone
+    assert channels.channels[0].time.sample_rate == pytest.approx(10_000.0, rel=1e-15)
+    assert channels.channels[0].time.started_at is None  # its date carries no zone
 
 
 def test_labels_that_are_not_distinct_give_way_to_numbers(uff_file):

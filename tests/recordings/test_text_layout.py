@@ -63,8 +63,8 @@ def test_the_times_of_a_trace_are_the_clocks_of_its_signals(tmp_path):
     path = tmp_path / "trace.csv"
     path.write_bytes(FILES["trace: equal names of times"].content)
     channels = columns.read_channels(path)
-    assert channels.channel("Torque").clock == "Time 1"
-    assert channels.channel("Current").clock == "Time 2"
+    assert channels.channel("Torque").time.clock == "Time 1"
+    assert channels.channel("Current").time.clock == "Time 2"
     assert channels.channel("Current").samples.size == channels.channel("Time 2").samples.size == 30
 
 
@@ -72,9 +72,9 @@ def test_columns_of_numbered_times_stay_plain_without_a_layout(tmp_path):
     path = tmp_path / "trace.csv"
     path.write_text("Time 1,F,Time 2,a\n0,1,0,2\n1,3,1,4\n")
     plain = columns.read_channels(path)
-    assert [channel.clock for channel in plain.channels] == [None] * 4
+    assert [channel.time.clock for channel in plain.channels] == [None] * 4
     stated = columns.read_channels(path, TextLayout(separator="comma"))
-    assert [channel.clock for channel in stated.channels] == [None, "Time 1", None, "Time 2"]
+    assert [channel.time.clock for channel in stated.channels] == [None, "Time 1", None, "Time 2"]
 
 
 def test_a_trace_with_a_time_but_no_value_is_refused(tmp_path):

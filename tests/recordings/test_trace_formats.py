@@ -46,10 +46,10 @@ def test_an_export_of_twincat_scope_is_read_to_the_last_digit(tmp_path, subtests
             assert channels.names == tuple(truth)
             for name, numbers in truth.items():
                 np.testing.assert_array_equal(channels.channel(name).samples, numbers)
-            assert [channel.clock for channel in channels.channels] == [None, "Time 1", "Time 1", None, "Time 2"]
+            assert [channel.time.clock for channel in channels.channels] == [None, "Time 1", "Time 1", None, "Time 2"]
             assert [channel.unit for channel in channels.channels] == ["ms", "Nm", None, "ms", "mm"]
             start = datetime(2022, 5, 2, 13, 56, 24, 376000, tzinfo=UTC)  # see TWINCAT_START
-            assert {channel.started_at for channel in channels.channels} == {start}
+            assert {channel.time.started_at for channel in channels.channels} == {start}
             assert read_as_proposed(path)[1] is None
 
 
@@ -107,15 +107,15 @@ def test_a_labview_measurement_is_read_to_the_last_digit(tmp_path, subtests):
             of_x = settings.get("of_x", "No")
             force, acceleration = channels.channel("Force"), channels.channel("Accélération")
             assert (force.unit, acceleration.unit) == ("N", "m/s^2")
-            assert (force.sample_rate, force.clock) == {
+            assert (force.time.sample_rate, force.time.clock) == {
                 "No": (5000.0, None), "One": (None, "X_Value"), "Multi": (None, "X_Value 1")
             }[of_x]  # fmt: skip
-            if force.clock is not None:
+            if force.time.clock is not None:
                 np.testing.assert_array_equal(
-                    channels.channel(force.clock).samples, [float(f"{0.0002 * i:.4f}") for i in range(60)]
+                    channels.channel(force.time.clock).samples, [float(f"{0.0002 * i:.4f}") for i in range(60)]
                 )
-                assert channels.channel(force.clock).unit == "s"
-            assert force.started_at is None  # the file states no zone
+                assert channels.channel(force.time.clock).unit == "s"
+            assert force.time.started_at is None  # the file states no zone
 
 
 def test_a_measurement_is_recognised_by_its_first_row(tmp_path):
@@ -134,14 +134,14 @@ def test_equal_segments_are_rows_of_an_array_and_others_are_numbered(tmp_path):
     path.write_bytes(content)
     channels = read_channels(path)
     np.testing.assert_array_equal(channels.channel("2/Force").samples, truth["Force"][1])
-    assert channels.channel("2/Force").clock == "2/X_Value"
+    assert channels.channel("2/Force").time.clock == "2/X_Value"
 
 
 def test_packets_under_one_header_state_no_rate(tmp_path):
     path = tmp_path / "a.lvm"
     path.write_bytes(lvm(stated=20)[0])
     force = read_channels(path).channel("Force")
-    assert (force.samples.size, force.sample_rate) == (60, None)
+    assert (force.samples.size, force.time.sample_rate) == (60, None)
 
 
 def test_the_channel_that_lvm_read_reads_is_the_same(tmp_path):

@@ -39,7 +39,7 @@ def test_what_scipy_writes_is_read(tmp_path, kind):
     assert channels.names == ("1", "2")
     for number, channel in enumerate(channels.channels):
         np.testing.assert_array_equal(channel.samples, values[:, number])
-        assert channel.sample_rate == 48_000.0
+        assert channel.time.sample_rate == 48_000.0
         assert channel.unit == (None if kind.startswith("f") else "count")
         assert channel.samples.dtype == (np.float32 if kind == "f4" else np.float64)
 

@@ -78,7 +78,7 @@ def test_dates_and_durations_become_seconds(tmp_path):
     np.testing.assert_allclose(channels.channel("when").samples, 250e-6 * np.arange(4), rtol=0, atol=2 * 0.63e-6)
     np.testing.assert_allclose(channels.channel("since").samples, 5e-3 * np.arange(4), rtol=1e-12)
     np.testing.assert_allclose(channels.channel("clock").samples, np.arange(4), rtol=1e-12)
-    assert {(channel.unit, channel.started_at) for channel in channels.channels} == {("s", None)}
+    assert {(channel.unit, channel.time.started_at) for channel in channels.channels} == {("s", None)}
 
 
 def test_the_sheet_with_cells_is_taken_and_of_several_the_one_that_is_named(tmp_path):

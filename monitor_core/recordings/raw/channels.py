@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
 from itertools import islice
 from types import MappingProxyType
 
@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray, SampleArray, read_only_samples
 from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
+from monitor_core.recordings.raw.channel_time import ChannelTime
 
 #: So many names of what is not read are shown.
 MOST_LEFT_OUT = 12
@@ -27,12 +29,13 @@ class Channel:
     name: str
     samples: SampleArray  # shape (n_samples,), or two-dimensional where the file holds an array of windows
     unit: str | None = None  # as spelled in the file
-    sample_rate: float | None = None  # [Hz]
-    started_at: datetime | None = None  # with a time zone
-    clock: str | None = None  # name of the channel of the same file that holds its sampling times
+    time: ChannelTime = field(default_factory=ChannelTime)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "samples", read_only_samples(self.samples))
+        stated = sum(run.n_samples for run in self.time.runs)
+        if self.time.runs and stated != self.samples.size:
+            raise ValueError(f"{self.name}: expected runs of {self.samples.size} samples; got {stated}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +89,18 @@ class Channels:
     def names(self) -> tuple[str, ...]:
         """Names of the channels, in the order of the file."""
         return tuple(channel.name for channel in self.channels)
+
+    def started_at(self, channel: Channel) -> datetime | None:
+        """Return when the first sample of a channel was taken, where the file says it."""
+        time = channel.time
+        if time.runs or time.zero is None:
+            return time.started_at
+        clock = channel if time.clock is None else self.channel(time.clock)
+        factor = FACTOR_TO_SI[Quantity.TIME].get(canonical_unit(clock.unit) or "")
+        seconds = None if factor is None or not clock.samples.size else factor * float(clock.samples.reshape(-1)[0])
+        if seconds is None or not math.isfinite(seconds):
+            return None
+        return time.zero + timedelta(seconds=time.offset + seconds)
 
     def channel(self, name: str) -> Channel:
         """Return the channel of a name; ``RecordingFormatError`` if there is none, listing those that are there."""

@@ -96,7 +96,7 @@ def summaries_of(channels: Channels) -> tuple[ChannelSummary, ...]:
     """Look at each channel of a file, and for channels that hold the same values."""
     summaries, seen = [], dict[bytes, str]()
     for channel in channels.channels:
-        summary = summary_of(channel)
+        summary = replace(summary_of(channel), started_at=channels.started_at(channel))
         if not summary.is_constant and channel.samples.size > 1:
             values = np.ascontiguousarray(channel.samples).data.cast("B")
             digest = hashlib.blake2b(values, digest_size=16).digest()
@@ -117,9 +117,9 @@ def summary_of(channel: Channel) -> ChannelSummary:
         name=channel.name,
         shape=tuple(channel.samples.shape),
         unit=channel.unit,
-        sample_rate=channel.sample_rate,
-        started_at=channel.started_at,
-        clock=channel.clock,
+        sample_rate=channel.time.sample_rate,
+        started_at=channel.time.started_at,
+        clock=channel.time.clock,
         kind=kind,
         first_values=tuple(float(value) for value in samples[:N_FIRST]),
         minimum=float(finite.min()) if finite.size else None,

@@ -80,7 +80,7 @@ def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, bounds
     channels: list[ChannelEntry] = []
 
     def note(read: "Channels") -> None:
-        channels.extend(_channel(read.file_name, channel) for channel in read.channels)
+        channels.extend(_channel(read.file_name, channel, read.started_at(channel)) for channel in read.channels)
 
     imported = import_session(
         paths, read_channel_map(map_path), lambda name: report(Progress(len(channels), sentence=name)), seen=note
@@ -217,16 +217,16 @@ class _Seen:
         ]
 
 
-def _channel(file_name: str, channel: "Channel") -> ChannelEntry:
+def _channel(file_name: str, channel: "Channel", started_at: datetime | None) -> ChannelEntry:
     """Say of a channel what its file says."""
-    rate = channel.sample_rate
+    rate = channel.time.sample_rate
     return ChannelEntry(
         file=file_name,
         name=plain(channel.name),
         shape=list(channel.samples.shape),
         unit=None if channel.unit is None else plain(channel.unit),
         sample_rate_hz=rate if rate is not None and math.isfinite(rate) else None,
-        started_at=channel.started_at,
+        started_at=started_at,
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.channel_time import ChannelTime
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class _Place:
 def read_channels(path: Path) -> Channels:
     """Read the numeric channels of an MDF file of version 4, converted as it says, with their units and clocks.
 
-    The start is that of the measurement, plus the first sampling time. Channels of texts and bytes, those without
+    Sampling times of all groups count from the start of the measurement. Channels of texts and bytes, those without
     samples, and samples that the file marks as invalid throughout are left out; single invalid samples become NaN.
     ``RecordingFormatError`` if the file is damaged, cut off, unfinished or of version 3; ``MissingReaderError`` if
     asammdf is not installed.
@@ -90,7 +91,7 @@ def _channels(file: "MDF", where: str) -> tuple[Channel, ...]:
     lengths = {number: int(group.channel_group.cycles_nr) for number, group in enumerate(file.groups)}
     require_plausible_channels([(place.name, lengths[place.group]) for place in places], where)
     clocks = {place.group: names[place.group, place.index] for place in places if place.is_clock}
-    start = _started_at(file)
+    zero = _zero(file)
     channels = []
     for place in places:
         # not ignored here: asammdf would leave single ones out, and a channel would be shorter than its clock
@@ -108,14 +109,14 @@ def _channels(file: "MDF", where: str) -> tuple[Channel, ...]:
             if np.all(invalid):
                 continue
             samples = np.where(np.asarray(invalid, bool).reshape(-1, *[1] * (samples.ndim - 1)), np.nan, samples)
-        times = np.asarray(signal.timestamps)
         channels.append(
             Channel(
                 name=names[place.group, place.index],
                 samples=native_samples(samples),
                 unit=signal.unit or ("s" if place.is_clock else None),
-                started_at=None if start is None or place.group not in clocks else _later(start, float(times[0])),
-                clock=None if place.is_clock else clocks.get(place.group),
+                time=ChannelTime(
+                    zero if place.group in clocks else None, clock=None if place.is_clock else clocks.get(place.group)
+                ),
             )
         )
     return tuple(channels)
@@ -135,11 +136,7 @@ def _require_no_formula(conversion: "ChannelConversion | None", where: str) -> N
             _require_no_formula(referenced, where)
 
 
-def _started_at(file: "MDF") -> datetime | None:
+def _zero(file: "MDF") -> datetime | None:
     if file.header.time_flags & _LOCAL_TIME or not file.header.abs_time:
         return None
     return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=file.header.abs_time // 1000)
-
-
-def _later(start: datetime, seconds: float) -> datetime:
-    return start + timedelta(seconds=seconds)

@@ -1,8 +1,8 @@
 """Read Parquet files through pyarrow (extra ``parquet``): every column of numbers is a channel of its name.
 
-A column of instants is a channel of seconds from its first value, which is the start of the channel where the column
-says that it is in UTC. The unit is what the metadata of a column call ``unit`` or ``units``. A missing number becomes
-NaN.
+Columns of instants are channels of seconds from the earliest of their first values, which is the zero of these times
+where the columns say that they are in UTC. The unit is what the metadata of a column call ``unit`` or ``units``. A
+missing number becomes NaN.
 """
 
 from datetime import UTC, datetime, timedelta
@@ -14,6 +14,7 @@ import numpy as np
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.channel_time import ChannelTime
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples, require_distinct
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ def read_channels(path: Path) -> Channels:
         with pq.ParquetFile(path, thrift_string_size_limit=limit, thrift_container_size_limit=limit) as file:
             fields = [field for field in file.schema_arrow if _is_channel(field.type)]
             _require_plausible(file.metadata, [field.name for field in fields], path)
-            channels = tuple(_channel(file, field, path.name) for field in fields)
-        return Channels(path.name, channels)
+            columns = [(field, _column(file, field, path.name)) for field in fields]
+        return Channels(path.name, _channels(columns, path.name))
 
 
 def _is_channel(kind: "pa.DataType") -> bool:
@@ -61,35 +62,46 @@ def _require_plausible(metadata: "pq.FileMetaData", names: list[str], path: Path
     require_plausible_expansion(8 * metadata.num_rows * len(names), path.stat().st_size, path.name)
 
 
-def _channel(file: "pq.ParquetFile", field: "pa.Field", where: str) -> Channel:
-    import pyarrow as pa  # noqa: PLC0415
-
+def _column(file: "pq.ParquetFile", field: "pa.Field", where: str) -> "pa.ChunkedArray":
     column = file.read([field.name], use_threads=False).column(0)
     if len(column) != file.metadata.num_rows:
         raise RecordingFormatError(
             f"{where}, {field.name}: expected {file.metadata.num_rows} rows as the file says; got {len(column)}"
         )
-    if pa.types.is_timestamp(field.type):
-        return _clock(field, column, where)
-    stated = {key.decode().lower(): value.decode() for key, value in (field.metadata or {}).items()}
-    return Channel(
-        name=field.name,
-        samples=native_samples(column.to_numpy()),
-        unit=stated.get("unit") or stated.get("units") or None,
-    )
+    return column
 
 
-def _clock(field: "pa.Field", column: "pa.ChunkedArray", where: str) -> Channel:
+def _channels(columns: list[tuple["pa.Field", "pa.ChunkedArray"]], where: str) -> tuple[Channel, ...]:
+    """Return the columns; instants count from the earliest of all columns with a zone, or of all without one."""
     import pyarrow as pa  # noqa: PLC0415
 
-    if column.null_count or not len(column):
-        raise RecordingFormatError(f"{where}, {field.name}: expected an instant in each row; some are missing")
-    instants, per_second = column.cast(pa.int64()).to_numpy(), _PER_SECOND[field.type.unit]
-    whole, rest = divmod(int(instants[0]), per_second)
-    start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=whole, microseconds=rest * 10**6 // per_second)
-    return Channel(
-        name=field.name,
-        samples=native_samples((instants - instants[0]) / np.float64(per_second)),
-        unit="s",
-        started_at=start if field.type.tz is not None else None,  # without a zone, the file does not say when it was
+    zeros: dict[bool, int] = {}  # by whether the column has a zone [ns since 1970]
+    for field, column in columns:
+        if pa.types.is_timestamp(field.type):
+            if column.null_count or not len(column):
+                raise RecordingFormatError(f"{where}, {field.name}: expected an instant in each row; some are missing")
+            first, has_zone = column[0].value * (10**9 // _PER_SECOND[field.type.unit]), field.type.tz is not None
+            zeros[has_zone] = min(first, zeros.get(has_zone, first))
+    return tuple(
+        _clock(field, column, zeros[field.type.tz is not None])
+        if pa.types.is_timestamp(field.type)
+        else Channel(field.name, native_samples(column.to_numpy()), _unit(field))
+        for field, column in columns
     )
+
+
+def _unit(field: "pa.Field") -> str | None:
+    stated = {key.decode().lower(): value.decode() for key, value in (field.metadata or {}).items()}
+    return stated.get("unit") or stated.get("units") or None
+
+
+def _clock(field: "pa.Field", column: "pa.ChunkedArray", zero: int) -> Channel:
+    """Return a column of instants as seconds from a zero, which is counted in nanoseconds since 1970."""
+    import pyarrow as pa  # noqa: PLC0415
+
+    instants, per_second = column.cast(pa.int64()).to_numpy(), _PER_SECOND[field.type.unit]
+    late = (int(instants[0]) * (10**9 // per_second) - zero) / 1e9
+    samples = native_samples((instants - instants[0]) / np.float64(per_second) + late)
+    # without a zone, the file does not say when it was; what is finer than a datetime tells is left to the seconds
+    at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=zero // 1000) if field.type.tz is not None else None
+    return Channel(field.name, samples, "s", ChannelTime(at))

@@ -10,6 +10,7 @@ import numpy as np
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
+from monitor_core.recordings.raw.channel_time import even_time
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 if TYPE_CHECKING:
@@ -102,17 +103,18 @@ def _channel(channel: "TdmsChannel", name: str, file_name: str) -> Channel:
     increment = properties.get("wf_increment")
     if increment is not None and not (np.isfinite(increment) and increment > 0.0):
         raise RecordingFormatError(f"{file_name}, {name}: expected a positive wf_increment; got {increment} s")
+    offset = float(properties.get("wf_start_offset") or 0.0)
+    rate = None if increment is None else 1.0 / float(increment)
     return Channel(
         name=name,
         samples=native_samples(channel[:]),
         unit=properties.get("unit_string") or None,
-        sample_rate=None if increment is None else 1.0 / float(increment),
-        started_at=_started_at(properties.get("wf_start_time"), float(properties.get("wf_start_offset") or 0.0)),
+        time=even_time(len(channel), rate, offset, _zero(properties.get("wf_start_time"))),
     )
 
 
-def _started_at(start: object, offset: float) -> datetime | None:
+def _zero(start: object) -> datetime | None:
     if not isinstance(start, np.datetime64) or np.isnat(start) or start == _NO_TIME:
         return None
     microseconds = start.astype("datetime64[us]").astype(np.int64)
-    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(microseconds), seconds=offset)
+    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(microseconds))

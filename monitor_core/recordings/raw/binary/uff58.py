@@ -16,6 +16,7 @@ from monitor_core.arrays import read_only, read_only_complex
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.channel_time import even_time
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse, native_samples
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ class _Header(TypedDict):
     ord_data_type: int
     num_pts: int
     abscissa_spacing: int
+    abscissa_min: float
     abscissa_inc: float
     abscissa_axis_units_lab: str
     ordinate_axis_units_lab: str
@@ -54,9 +56,9 @@ def read_channels(path: Path) -> Channels:
     """Read the time histories and frequency responses of a universal file; data sets of other kinds are left out.
 
     The unit comes from the ordinate's label (of a response also from its denominator's), the sample rate from the
-    abscissa's increment. The date in the header has no zone, so there is no start. ``RecordingFormatError`` if the file
-    is damaged or cut off, holds neither, or if a header announces other than what is there; ``MissingReaderError`` if
-    pyuff is not installed.
+    abscissa's increment, the start from its first value. The date in the header has no zone, so it is not known when
+    that was. ``RecordingFormatError`` if the file is damaged or cut off, holds neither, or if a header announces other
+    than what is there; ``MissingReaderError`` if pyuff is not installed.
     """
     try:
         import pyuff  # noqa: PLC0415
@@ -137,7 +139,7 @@ def _channel(data_set: _DataSet, name: str) -> Channel:
         name=name,
         samples=native_samples(data_set["data"]),
         unit=_unit(data_set["ordinate_axis_units_lab"]),
-        sample_rate=1.0 / data_set["abscissa_inc"],
+        time=even_time(data_set["num_pts"], 1.0 / data_set["abscissa_inc"], data_set["abscissa_min"]),
     )
 
 

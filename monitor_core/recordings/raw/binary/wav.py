@@ -17,6 +17,7 @@ import numpy.typing as npt
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.channel_time import even_time
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
@@ -65,7 +66,8 @@ def read_channels(path: Path) -> Channels:
         stream.seek(data.start)
         frames = _frames(stream.read(data.size), coding, order)
     unit, rate = ("count" if coding.kind == _PCM else None), float(coding.sample_rate)
-    return Channels(path.name, tuple(Channel(n, native_samples(frames[:, i]), unit, rate) for i, n in enumerate(names)))
+    time = even_time(n_frames, rate)
+    return Channels(path.name, tuple(Channel(n, native_samples(frames[:, i]), unit, time) for i, n in enumerate(names)))
 
 
 def _chunks(stream: BinaryIO, path: Path) -> tuple[str, list[_Chunk]]:

@@ -2,8 +2,8 @@
 
 The names stand in the first row, unless the ``[text]`` of a channel map says otherwise; a first row of numbers alone
 means a sheet without names: the columns are then "1", "2", …. Formulas count with the values that Excel saved. A
-column of dates is a channel of seconds from its first cell, one of durations a channel of seconds; a sheet has no time
-zone, so there is no start.
+column of dates is a channel of seconds from the earliest first cell of such columns, one of durations a channel of
+seconds; a sheet has no time zone, so there is no start.
 """
 
 import math
@@ -239,14 +239,15 @@ def _channels(columns: dict[int, _Column], formats: dict[int, str], where: str) 
     kept = {place: column for place, column in sorted(columns.items()) if column.numbers}
     require_distinct([column.name for column in kept.values()], where)
     require_plausible_channels([(column.name, len(column.numbers)) for column in kept.values()], where)
-    return tuple(_channel(column, formats.get(place)) for place, column in kept.items())
+    zero = min((column.numbers[0] for place, column in kept.items() if formats.get(place) == "date"), default=0.0)
+    return tuple(_channel(column, formats.get(place), zero) for place, column in kept.items())
 
 
-def _channel(column: _Column, shown_as: str | None) -> Channel:
+def _channel(column: _Column, shown_as: str | None, zero: float) -> Channel:
     values = np.frombuffer(column.numbers, np.float64)
     if shown_as is None:
         return Channel(column.name, native_samples(values.copy()), column.unit)
-    since = values[0] if shown_as == "date" else 0.0
+    since = zero if shown_as == "date" else 0.0
     return Channel(column.name, native_samples((values - since) * _SECONDS_PER_DAY), "s")
 
 

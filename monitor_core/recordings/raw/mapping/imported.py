@@ -34,7 +34,7 @@ from monitor_core.recordings.raw.mapping.map_records import (
     WindowFacts,
     WindowsIn,
 )
-from monitor_core.recordings.raw.mapping.mapped import Record, interval_of, signal_of, take_record
+from monitor_core.recordings.raw.mapping.mapped import Record, interval_of, signal_of, take_records
 
 #: Called with the name of each file before it is read.
 Progress = Callable[[str], None]
@@ -121,7 +121,9 @@ def import_motion(paths: Sequence[Path], channel_map: ChannelMap, progress: Prog
         progress(path.name)
     sources = [signals.position, signals.drive, *([] if signals.reference is None else [signals.reference])]
     channels = read_channels(path, channel_map.text)
-    record = take_record(channels, sources, channel_map)
+    record, *others = take_records(channels, sources, channel_map)
+    if others:
+        raise RecordingFormatError(f"{others[0].remarks[-1]}; expected an uninterrupted motion")
     position, drive, *reference = (samples.astype(np.float64) for samples in record.signals)
     if position.ndim != 1 or position.size < motion_csv.FEWEST_SAMPLES:
         raise RecordingFormatError(
@@ -161,35 +163,44 @@ def _windows_of_file(
     channels = read_channels(path, channel_map.text)
     if seen is not None:
         seen(channels)
-    record, doubts = take_record(channels, sources, channel_map), _doubts_of_channels(channels, sources)
-    del channels  # what is not in the record is not needed any more
-    require_vibration_rate(record.sample_rate, path.name)
+    records, doubts = take_records(channels, sources, channel_map), _doubts_of_channels(channels, sources)
+    del channels  # what is not in the records is not needed any more
     facts = facts_of_file(path, channel_map)
     if signals.position is None:
         facts_required(facts, f"{path.name} [window]")
-    start = _started_at(record, number, len(paths), facts, channel_map)
-    pieces, rest = _cut(record, channel_map.cutting)
-    seconds = pieces[0][0].size / record.sample_rate
-    if record.signals[0].ndim == 2:
-        seconds = interval_of(record, channel_map.cutting.window_interval).total_seconds()
-    with naming(path.name):
-        windows = [
-            _window(
-                signals,
-                facts,
-                piece,
-                sample_rate=record.sample_rate,
-                started_at=start + timedelta(seconds=i * seconds),
-                path=path,
+    made = _FileWindows([], _delayed(records[0]), [])
+    for record in records:
+        require_vibration_rate(record.sample_rate, path.name)
+        start = _started_at(record, number, len(paths), facts, channel_map)
+        pieces, rest = _cut(record, channel_map.cutting)
+        made.left_out.extend(rest)
+        made.remarks.extend(record.remarks)
+        made.remarks.extend(doubts_of_rate(record.sample_rate, path.name))
+        if not pieces:
+            continue
+        seconds = pieces[0][0].size / record.sample_rate
+        if record.signals[0].ndim == 2:
+            seconds = interval_of(record, channel_map.cutting.window_interval).total_seconds()
+        with naming(path.name):
+            made.windows.extend(
+                _window(
+                    signals,
+                    facts,
+                    piece,
+                    sample_rate=record.sample_rate,
+                    started_at=start + timedelta(seconds=i * seconds),
+                    path=path,
+                )
+                for i, piece in enumerate(pieces)
             )
-            for i, piece in enumerate(pieces)
-        ]
-    remarks = [
-        *record.remarks,
-        *doubts_of_rate(record.sample_rate, path.name),
-        *doubts,
-    ]
-    return _FileWindows(windows, [*_delayed(record), *rest], remarks)
+    if not made.windows:
+        size, length = max(record.signals[0].size for record in records), channel_map.cutting.samples_per_window or 1
+        raise RecordingFormatError(
+            f"{path.name}, {records[0].names[0]}: expected at least one window of {length} samples; got {size} samples"
+            + (" without a break at most" if len(records) > 1 else "")
+        )
+    made.remarks.extend(doubts)
+    return made
 
 
 def _window(
@@ -276,15 +287,12 @@ def _cut(record: Record, cutting: Cutting) -> tuple[list[tuple[SampleArray, ...]
     size = signals[0].size
     length = length or size
     n_windows = size // length if length else 0
-    if n_windows == 0:
-        raise RecordingFormatError(
-            f"{where}: expected at least one window of {length or 1} samples; got {size} samples"
-        )
     pieces = [tuple(values[i * length : (i + 1) * length] for values in signals) for i in range(n_windows)]
     rest = size - n_windows * length
     if not rest:
         return pieces, []
-    what = f"the last {rest} of {size} samples of {record.file_name} ({rest / record.sample_rate:.4g} s)"
+    of = f"{size} samples of {record.file_name}" + (f" from {record.delay:.6g} s on" if record.delay else "")
+    what = f"the last {rest} of {of} ({rest / record.sample_rate:.4g} s)"
     return pieces, [LeftOut(what, f"they make no whole window of {length} samples")]
 
 

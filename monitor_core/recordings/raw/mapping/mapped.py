@@ -1,6 +1,6 @@
-"""Take the channels that a map names out of a raw file, in SI, on one even clock."""
+"""Take the channels that a map names out of a raw file, in SI, on one even clock, a record for each run of samples."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
@@ -10,61 +10,95 @@ from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import Quantity, factor_to_si
 from monitor_core.recordings.raw.channel_kind import unit_in_name
-from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.mapping.clocks import (
-    Clock,
-    clock_of_times,
-    of_one_clock,
+from monitor_core.recordings.raw.channel_time import (
+    ChannelTime,
+    Run,
+    are_together,
+    from_one_zero,
     printed_digit,
-    resample,
     seconds_apart,
+    time_of_samples,
 )
+from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.mapping.counts import unwrapped
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MappedChannel, TimeSource
+from monitor_core.recordings.raw.mapping.resampled import resample
 from monitor_core.recordings.raw.mapping.stated_units import agreed_unit, resolved
 from monitor_core.recordings.raw.mapping.times import times_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """Signals of one file in SI, in the order in which they were asked for."""
+    """Signals of one file in SI without a break, in the order in which they were asked for."""
 
     file_name: str
     names: tuple[str, ...]  # of the channels
     signals: tuple[SampleArray, ...]  # of one shape: (n_samples,), or two-dimensional arrays of windows
     sample_rate: float  # [Hz]
-    started_at: datetime | None  # of the first sample, where the file says it
-    delay: float  # of the first sample behind the first of the file, where resampling left some out [s]
+    started_at: datetime | None  # of the first sample of the file, where it says it
+    delay: float  # of the first sample of the record behind that [s]
     remarks: tuple[str, ...]
 
 
-def take_record(channels: Channels, sources: Sequence[MappedChannel], channel_map: ChannelMap) -> Record:
-    """Take the channels of a file that the sources name, in SI, on one even clock.
+def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_map: ChannelMap) -> tuple[Record, ...]:
+    """Take the channels of a file that the sources name, in SI, on one even clock: a record for each run of samples.
 
     ``RecordingFormatError`` if file and map do not fit each other: a channel that is not there, a unit that contradicts
-    the file, a sample rate stated twice or not at all, lengths or clocks that differ where nothing is to be resampled.
+    the file, a sample rate stated twice or not at all, lengths, clocks or breaks that differ where nothing is to be
+    resampled.
     """
     where = channels.file_name
-    taken = [signal_of(channels, source) for source in sources]
-    signals = [signal for signal, _ in taken]
-    values = [in_si(signal, source, f"{where}, {signal.name}") for signal, source in taken]
-    clocks, remarks = _clocks(channels, signals, sources, channel_map)
-    names, lengths = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
-    started_at = next((clock.started_at for clock in clocks if clock.started_at is not None), None)
-    flat = all(samples.ndim == 1 for samples in values)
-    together = of_one_clock(clocks)
-    how = channel_map.resampling
-    if how is not None and flat and not (together and len(set(lengths)) == 1 and _is_rate(clocks, how.sample_rate)):
-        moved = resample(names, values, clocks, how, where)
-        earliest = min((c.started_at for c in clocks if c.started_at is not None), default=None)
-        return Record(where, names, moved.signals, how.sample_rate, earliest, moved.delay, (*remarks, *moved.remarks))
+    found = [signal_of(channels, source) for source in sources]
+    signals = [signal for signal, _ in found]
+    values = [in_si(signal, source, f"{where}, {signal.name}") for signal, source in found]
+    stated, remarks = _times(channels, signals, sources, channel_map)
+    times = from_one_zero(stated)
+    names, shapes = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
+    how, flat = channel_map.resampling, all(samples.ndim == 1 for samples in values)
+    zero, first = times[0].zero, min((of.runs[0].start or 0.0) for of in times)
+    started_at = None if zero is None else zero + timedelta(seconds=first)
     if how is not None and not flat:
-        raise RecordingFormatError(f"{where}: expected one-dimensional channels to resample; got shapes {lengths}")
-    _require_one_clock(clocks, where)
-    if len(set(lengths)) > 1:
-        got = ", ".join(f"{name!r} {shape}" for name, shape in zip(names, lengths, strict=True))
-        raise RecordingFormatError(f"{where}: expected channels of one length; got {got}")
-    return Record(where, names, tuple(values), clocks[0].sample_rate or 0.0, started_at, 0.0, remarks)
+        raise RecordingFormatError(f"{where}: expected one-dimensional channels to resample; got shapes {shapes}")
+    together = len(set(shapes)) == 1 and are_together(times)
+    if how is not None and not (together and all(_is_rate(run.sample_rate, how.sample_rate) for run in times[0].runs)):
+        remarks += _starts_assumed(stated, where)
+        records, end = list[Record](), 0.0
+        for made in resample(names, values, times, how, where):
+            delay = made.start - first
+            lost = [_missing(where, f"until {delay:.6g} s behind its start", delay - end)] if records else []
+            records.append(
+                Record(where, names, made.signals, how.sample_rate, started_at, delay, (*made.remarks, *lost))
+            )
+            end = delay + made.signals[0].size / how.sample_rate
+    else:
+        _require_one_clock(names, shapes, times, where)
+        records = list(_cut_at_breaks(where, names, values, times, started_at))
+    records[0] = replace(records[0], remarks=(*remarks, *records[0].remarks))
+    return tuple(records)
+
+
+def _cut_at_breaks(
+    where: str, names: tuple[str, ...], values: Sequence[SampleArray], times: Sequence[ChannelTime],
+    started_at: datetime | None,
+) -> Iterator[Record]:  # fmt: skip
+    """Yield a record for each run of channels that were sampled together, and say what is missing between them."""
+    runs, at, delay, end = times[0].runs, 0, 0.0, 0.0
+    first = min((of.runs[0].start or 0.0) for of in times)
+    for run in runs:
+        remarks = list[str]()
+        delay = end if run.start is None else max(run.start - first, 0.0) if at else 0.0
+        rate = run.sample_rate or 0.0
+        if at:
+            mark = f", where {run.mark} stands" if run.mark else ""
+            remarks.append(_missing(where, f"behind sample {at - 1}{mark}", None if run.start is None else delay - end))
+        taken = values if len(runs) == 1 else [samples[at : at + run.n_samples] for samples in values]
+        yield Record(where, names, tuple(taken), rate, started_at, delay, tuple(remarks))
+        at, end = at + run.n_samples, delay + run.n_samples / rate
+
+
+def _missing(where: str, place: str, seconds: float | None) -> str:
+    much = "how many, the file does not say" if seconds is None else f"for {seconds:.6g} s"
+    return f"{where}: samples are missing {place}: {much}; no window crosses it"
 
 
 def signal_of(channels: Channels, source: MappedChannel) -> tuple[Channel, MappedChannel]:
@@ -98,48 +132,61 @@ def _part(channel: Channel, row: int | None, column: int | None, file_name: str)
     if number is None or number >= there:
         raise RecordingFormatError(f"{where}: expected a {word} up to {there}; got {(number or 0) + 1}")
     taken = samples[number] if row is not None else samples[:, number].copy()
-    return replace(channel, samples=taken, name=f"{channel.name}, {word} {number + 1}")
+    time = channel.time
+    if time.runs:
+        run = time.runs[number] if row is not None and len(time.runs) == there else time.runs[0]
+        time = replace(time, runs=(replace(run, n_samples=taken.size),))
+    return replace(channel, samples=taken, name=f"{channel.name}, {word} {number + 1}", time=time)
 
 
-def _clocks(
+def _times(
     channels: Channels, signals: Sequence[Channel], sources: Sequence[MappedChannel], channel_map: ChannelMap
-) -> tuple[list[Clock], tuple[str, ...]]:
-    """Return the clock of each signal, and what is to be said of them."""
-    taken: dict[tuple[object, ...], tuple[Clock, tuple[str, ...]]] = {}
-    clocks, all_remarks = list[Clock](), dict[str, None]()
+) -> tuple[list[ChannelTime], tuple[str, ...]]:
+    """Return when the samples of each signal were taken, and what is to be said of it."""
+    taken: dict[tuple[object, ...], tuple[ChannelTime, tuple[str, ...]]] = {}
+    times, all_remarks = list[ChannelTime](), dict[str, None]()
     for signal, source in zip(signals, sources, strict=True):
-        stated: dict[str, Clock] = {}
-        if signal.sample_rate is not None:
-            stated["the file"] = Clock(signal.sample_rate, started_at=signal.started_at)
-        timed = _times_of(signal, source, channel_map.time)
-        for place, name, unit in timed:
+        in_file = signal.time.in_runs(signal.samples.size)
+        stated: dict[str, ChannelTime] = {}
+        if in_file.rates:
+            stated["the file"] = in_file
+        for place, name, unit in _clocks_of(signal, source, channel_map.time):
             key = (name, unit)
             if key not in taken:
-                taken[key] = _clock_of_channel(channels, name, unit, channel_map.time)
-            clock, remarks = taken[key]
-            stated[place] = clock if clock.started_at is not None else replace(clock, started_at=signal.started_at)
+                taken[key] = _time_of_clock(channels, name, unit, channel_map.time, in_file.runs)
+            of_clock, remarks = taken[key]
+            zero = of_clock.zero if of_clock.zero is not None else in_file.zero
+            stated[place] = replace(of_clock, zero=zero, offset=in_file.offset)
             all_remarks.update(dict.fromkeys(remarks))
+            n_times = sum(run.n_samples for run in of_clock.runs)
+            if signal.samples.ndim == 1 and n_times != signal.samples.size:
+                raise RecordingFormatError(
+                    f"{channels.file_name}, {signal.name}: expected a time for each sample; got {n_times} for "
+                    f"{signal.samples.size}"
+                )
         if channel_map.sample_rate is not None:
-            stated["sample_rate_hz of the map"] = Clock(channel_map.sample_rate, started_at=signal.started_at)
+            stated["sample_rate_hz of the map"] = in_file.at_rate(channel_map.sample_rate)
         if len(stated) != 1:
-            got = " and ".join(
-                f"{'uneven times' if clock.sample_rate is None else f'{clock.sample_rate} Hz'} in {place}"
-                for place, clock in stated.items()
-            )
+            got = " and ".join(f"{_rates_shown(time)} in {place}" for place, time in stated.items())
             raise RecordingFormatError(
                 f"{channels.file_name}: expected the sample rate stated once; got {got or 'none'}"
                 + ("" if got else f" for {signal.name!r}: a file that states none needs [time] or sample_rate_hz")
             )
-        clocks += stated.values()
-    return clocks, tuple(all_remarks)
+        times += stated.values()
+    return times, tuple(all_remarks)
 
 
-def _times_of(signal: Channel, source: MappedChannel, time: TimeSource | None) -> list[tuple[str, str, str | None]]:
+def _rates_shown(time: ChannelTime) -> str:
+    rates = dict.fromkeys("uneven times" if run.sample_rate is None else f"{run.sample_rate} Hz" for run in time.runs)
+    return " then ".join(rates)
+
+
+def _clocks_of(signal: Channel, source: MappedChannel, time: TimeSource | None) -> list[tuple[str, str, str | None]]:
     """Return which channels hold the sampling times of a signal: the place that says it, name, and unit of the map."""
     unit = None if time is None else time.unit
     sources = list[tuple[str, str, str | None]]()
-    if signal.clock is not None:
-        sources.append(("a channel that the file names", signal.clock, unit if source.time is None else None))
+    if signal.time.clock is not None:
+        sources.append(("a channel that the file names", signal.time.clock, unit if source.time is None else None))
     if source.time is not None:
         sources.append(("the channel of time", source.time, unit))
     elif time is not None and time.channel is not None:
@@ -147,46 +194,73 @@ def _times_of(signal: Channel, source: MappedChannel, time: TimeSource | None) -
     return sources
 
 
-def _clock_of_channel(
-    channels: Channels, name: str, unit: str | None, time: TimeSource | None
-) -> tuple[Clock, tuple[str, ...]]:
+def _time_of_clock(
+    channels: Channels, name: str, unit: str | None, time: TimeSource | None, parted: Sequence[Run]
+) -> tuple[ChannelTime, tuple[str, ...]]:
     where = f"{channels.file_name}, {name}"
     if time is not None and time.form is not None and name == time.channel:
         dates = None if time.date is None else channels.text(time.date)
         seconds, start = times_of(channels.text(name), time.form, time.zone, dates, where)
-        clock, remarks = clock_of_times(seconds, printed_digit(seconds), where)
-        return replace(clock, started_at=start), remarks
+        found, remarks = time_of_samples(seconds, printed_digit(seconds), where, parted)
+        return replace(found, zero=start), remarks
     channel = channels.channel(name)
     stated = agreed_unit(channel.unit, unit_in_name(channel.name), unit or "", where)
     if time is not None and name == time.channel:
         channel = _part(channel, time.row, time.column, channels.file_name)
     factor = factor_to_si(stated, Quantity.TIME, where)
     times: FloatArray = channel.samples.astype(np.float64) * factor
-    clock, remarks = clock_of_times(times, printed_digit(channel.samples.reshape(-1)) * factor, where)
-    return replace(clock, started_at=channel.started_at), remarks
+    printed = printed_digit(channel.samples.reshape(-1)) * factor
+    found, remarks = time_of_samples(times, printed, where, channel.time.runs)
+    return replace(found, zero=channel.time.zero), remarks
 
 
-def _is_rate(clocks: Sequence[Clock], sample_rate: float) -> bool:
-    rate = clocks[0].sample_rate
+def _is_rate(rate: float | None, sample_rate: float) -> bool:
     return rate is not None and abs(rate - sample_rate) <= 1e-9 * sample_rate
 
 
-def _require_one_clock(clocks: Sequence[Clock], where: str) -> None:
-    """Refuse clocks that differ, each for its own reason."""
-    for clock in clocks:
-        if clock.sample_rate is None:
-            raise RecordingFormatError(clock.unevenness)
-    if of_one_clock(clocks):
-        return
-    rates = [clock.sample_rate or 0.0 for clock in clocks]
+def _starts_assumed(times: Sequence[ChannelTime], where: str) -> tuple[str, ...]:
+    """Refuse times of several kinds, which cannot be brought together; say it where all starts are assumed."""
+    timed = [any(run.times is not None for run in time.runs) for time in times]
+    dated = [time.zero is not None for time in times]
+    if any(timed) and not all(timed):
+        raise RecordingFormatError(
+            f"{where}: expected sampling times of every channel to resample; got {sum(timed)} of {len(timed)}"
+        )
+    if any(dated) and not all(dated):
+        raise RecordingFormatError(f"{where}: expected a start of every channel or of none; got {sum(dated)}")
+    says = any(timed) or any(dated) or any(time.runs[0].start for time in times)
+    return () if says else (f"{where}: no channel says when it starts; all are taken to start together",)
+
+
+def _require_one_clock(
+    names: Sequence[str], shapes: Sequence[tuple[int, ...]], times: Sequence[ChannelTime], where: str
+) -> None:
+    """Refuse channels that were not sampled together, each for its own reason."""
+    for time in times:
+        if time.unevenness:
+            raise RecordingFormatError(time.unevenness)
     advice = "a table [resample] with sample_rate_hz and method brings them to one clock"
-    if max(rates) - min(rates) > 1e-9 * rates[0]:
-        got = ", ".join(f"{rate:.10g} Hz" for rate in rates)
+    rates = [[run.sample_rate or 0.0 for run in time.runs] for time in times]
+    if any(abs(of[0] - rates[0][0]) > 1e-9 * rates[0][0] for of in rates):
+        got = ", ".join(f"{of[0]:.10g} Hz" for of in rates)
         raise RecordingFormatError(f"{where}: expected channels of one sample rate; got {got}: {advice}")
-    apart = max(seconds_apart(clock, clocks[0]) for clock in clocks)
-    raise RecordingFormatError(
-        f"{where}: expected channels that start together; they start {apart:.6g} s apart: {advice}"
-    )
+    apart = max(seconds_apart(time.runs[0], times[0].runs[0]) for time in times)
+    if apart > 0.5 / rates[0][0]:
+        raise RecordingFormatError(
+            f"{where}: expected channels that start together; they start {apart:.6g} s apart: {advice}"
+        )
+    if len(set(shapes)) > 1:
+        got = ", ".join(f"{name!r} {shape}" for name, shape in zip(names, shapes, strict=True))
+        raise RecordingFormatError(f"{where}: expected channels of one length; got {got}")
+    if not are_together(times):
+        got = "; ".join(f"{name!r} of {_runs_shown(time)}" for name, time in zip(names, times, strict=True))
+        raise RecordingFormatError(f"{where}: expected channels with the same breaks; got {got}: {advice}")
+
+
+def _runs_shown(time: ChannelTime) -> str:
+    shown = [f"{run.n_samples} samples at {run.sample_rate:.10g} Hz from {run.start or 0.0:.6g} s on"
+             for run in time.runs[:5]]  # fmt: skip
+    return ", ".join(shown) + (", …" if len(time.runs) > 5 else "")
 
 
 def interval_of(record: Record, window_interval: float | None) -> timedelta:

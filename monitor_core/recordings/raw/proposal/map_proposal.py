@@ -5,6 +5,7 @@ file leaves open is given a value by itself.
 """
 
 from collections.abc import Iterator, Sequence
+from datetime import datetime
 
 from monitor_core.recordings.elements.units import Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import ChannelKind
@@ -67,23 +68,23 @@ def proposed_map(channels: Channels, layout: TextLayout | None = None) -> MapPro
 
 
 def _in_file(channels: Channels, parts: Sequence[Part]) -> Iterator[str]:
-    yield from map(_described, parts[:_MOST_LISTED])
+    yield from (_described(part, channels.started_at(part.channel)) for part in parts[:_MOST_LISTED])
     if len(parts) > _MOST_LISTED:
         yield f"… and {len(parts) - _MOST_LISTED} more"
     for response in channels.responses[:_MOST_LISTED]:
         yield f"{plain(response.name)}: frequency response, {response.frequency.size} lines"
 
 
-def _described(part: Part) -> str:
+def _described(part: Part, started_at: datetime | None) -> str:
     channel = part.channel
     facts = [f"shape {'x'.join(map(str, part.samples.shape))}"]
     facts.append(plain(channel.unit) if channel.unit else "no unit")
-    if channel.sample_rate is not None:
-        facts.append(f"{channel.sample_rate:g} Hz")
-    if channel.started_at is not None:
-        facts.append(f"from {channel.started_at.isoformat()}")
-    if channel.clock is not None:
-        facts.append(f"times in {plain(channel.clock)}")
+    if channel.time.rates:
+        facts.append(" then ".join(f"{rate:g} Hz" for rate in channel.time.rates))
+    if started_at is not None:
+        facts.append(f"from {started_at.isoformat()}")
+    if channel.time.clock is not None:
+        facts.append(f"times in {plain(channel.time.clock)}")
     facts.append("first " + ", ".join(f"{value:g}" for value in part.samples.reshape(-1)[:3]))
     looks = f" ({part.kind}-like)" if part.kind is not None else ""
     place = f", {part.entry} {part.number}" if part.entry else ""
@@ -134,10 +135,10 @@ def _window_lines(
     signals: Sequence[Part], times: Part | TextTimes | None, channels: Channels, *, has_position: bool
 ) -> Iterator[MapEntry | str]:
     arrays = [part.samples for part in signals if part.samples.ndim == 2]
-    rates = [part.channel.sample_rate for part in signals if part.channel.sample_rate is not None]
+    rates = [rate for part in signals for rate in part.channel.time.rates]
     timed = [*signals, *([times] if isinstance(times, Part) else [])]
-    starts = [part.channel.started_at for part in timed if part.channel.started_at is not None]
-    clocks = any(part.channel.clock is not None for part in signals)
+    starts = [start for part in timed if (start := channels.started_at(part.channel)) is not None]
+    clocks = any(part.channel.time.clock is not None for part in signals)
     stated = rate_of_numbers(channels) if times is None and not rates and not clocks else None
     if rates:
         yield f"sample_rate_hz is left out: the file says {rates[0]:g} Hz"
@@ -177,7 +178,7 @@ def _motion_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Cha
     others = [part for part in parts if part.kind is ChannelKind.POSITION and part is not position]
     times = first_like(parts, (ChannelKind.TIME,)) or texts
     signals = [part for part in (drive, position) if part is not None]
-    has_rate = times is not None or any(part.channel.sample_rate for part in signals)
+    has_rate = times is not None or any(part.channel.time.rates for part in signals)
     rate = () if has_rate else (rate_entry(rate_of_numbers(channels)),)
     what = "position and drive without an acceleration: a motion record, for preload explain (family motion)"
     yield MapTable("motion", rate, above=what)

@@ -11,9 +11,9 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import MOST_STEPS, ChannelKind, names_other_unit
+from monitor_core.recordings.raw.channel_time import GAP, printed_digit, time_of_samples
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.inspection import step_of
-from monitor_core.recordings.raw.mapping.clocks import clock_of_times, printed_digit
 from monitor_core.recordings.raw.mapping.times import times_of
 from monitor_core.recordings.raw.proposal.entries import (
     MapEntry,
@@ -34,7 +34,6 @@ _MOST_LOOKED_AT = 1000
 _PLAUSIBLE_STEPS = (("s", 0.05), ("ms", 50.0), ("us", 5e4))  # longest step of a recording that is to show a mode
 #: Records of fewer seconds are left whole.
 _FEWEST_WINDOWS = 8
-_GAP = 4.5  # steps: a longer one is a gap
 #: How single numbers are named that state the rate [Hz], or the step [s]; without blanks, hyphens and underscores.
 _NAMES_OF_RATE = frozenset((
     "fs", "fshz", "fsamp", "fsample", "fsampling", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency",
@@ -84,14 +83,14 @@ def rate_entry(stated: StatedRate | None) -> MapEntry:
 
 def time_tables(times: Part | TextTimes | None, signals: Sequence[Part]) -> list[MapTable]:
     """Return the table of sampling times, or of the rate that clocks of their own are brought to; none if neither."""
-    clocks = {part.channel.clock for part in signals}
+    clocks = {part.channel.time.clock for part in signals}
     if clocks - {None}:
         resample = (
             missing("sample_rate_hz", "rate that all channels are brought to"),
             MapEntry("method", "cubic", "cubic | linear; the error is estimated and said"),
         )
         return [MapTable("resample", resample, "the channels have clocks of their own")] if len(clocks) > 1 else []
-    if times is None or any(part.channel.sample_rate is not None for part in signals):
+    if times is None or any(part.channel.time.rates for part in signals):
         return []
     entries = _text_time_entries(times) if isinstance(times, TextTimes) else _time_entries(times)
     return [MapTable("time", tuple(entries), "channel of the sampling times")]
@@ -152,21 +151,22 @@ def rate_of_texts(times: TextTimes, channels: Channels) -> float | None:
 def _mean_rate(seconds: FloatArray, printed: float) -> float | None:
     """Return the rate of sampling times, the plainest that they do not contradict [Hz]; None if they do not rise."""
     try:
-        clock, _ = clock_of_times(seconds, printed, "")
+        time, _ = time_of_samples(seconds, printed, "")
     except RecordingFormatError:
-        return None
-    if clock.sample_rate is not None:
-        return clock.sample_rate
+        step = step_of(seconds)
+        return None if step is None else 1.0 / step
+    if time.runs[0].sample_rate is not None:
+        return time.runs[0].sample_rate
     steps = np.diff(seconds)
     mean = float(seconds[-1] - seconds[0]) / steps.size
-    if steps.min() < 0.0 or steps.max() > _GAP * mean:
+    if steps.max() > GAP * mean:
         mean = step_of(seconds) or mean
-    return 1.0 / mean
+    return 1.0 / mean if mean > 0.0 else None
 
 
 def cutting_entry(signals: Sequence[Part], times: Part | TextTimes | None, rate_elsewhere: float | None) -> MapEntry:
     """Propose windows of a second of a record that has several: a measurement is an average over windows."""
-    rate = next((part.channel.sample_rate for part in signals if part.channel.sample_rate is not None), None)
+    rate = next((rate for part in signals for rate in part.channel.time.rates), None)
     if rate is None and isinstance(times, Part):
         unit, *_ = _unit_of_times(times)
         if unit is not None:

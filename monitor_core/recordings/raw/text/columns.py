@@ -13,6 +13,7 @@ from pathlib import Path
 from monitor_core.arrays import BoolArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import listed, require_file
+from monitor_core.recordings.raw.channel_time import ChannelTime
 from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
 from monitor_core.recordings.raw.text import lvm, twincat
 from monitor_core.recordings.raw.text.layout import (
@@ -261,7 +262,9 @@ def _channels(
         held = samples if blank is None else samples[~blank]
         if not held.size:
             raise RecordingFormatError(f"{file_name}, {shown(names[i])}: expected numbers; the column is blank")
-        channels.append(Channel(names[i], held, units.get(i), clock=None if clock is None else names[clock]))
+        channels.append(
+            Channel(names[i], held, units.get(i), time=ChannelTime(clock=None if clock is None else names[clock]))
+        )
     return Channels(file_name, tuple(channels), texts={names[i]: texts for i, texts in table.texts.items()})
 
 

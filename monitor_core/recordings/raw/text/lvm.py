@@ -12,6 +12,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.raw.channel_time import ChannelTime, even_time
 from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
 from monitor_core.recordings.raw.text.table import (
     MAX_COLUMNS,
@@ -244,8 +245,10 @@ def _channels(columns: Sequence[_Column], names: Sequence[str], table: Table, wh
             )
         # more samples than stated: packets under one header, which does not say that none is missing between them
         step = column.step if stated in (None, samples.size) else None
-        yield Channel(column.name, samples, column.unit, sample_rate=None if step is None else 1.0 / step,
-                      clock=None if clock is None else names[clock])  # fmt: skip
+        time = ChannelTime(clock=names[clock]) if clock is not None else ChannelTime()
+        if step is not None:
+            time = even_time(samples.size, 1.0 / step)
+        yield Channel(column.name, samples, column.unit, time)
 
 
 def _held(table: Table, column: int, expected: str) -> FloatArray:
@@ -262,16 +265,18 @@ def _joined(segments: Sequence[tuple[Channel, ...]]) -> tuple[Channel, ...]:
     if len(segments) == 1:
         return segments[0]
     alike = {
-        tuple((c.name, c.samples.shape, c.unit, c.sample_rate, c.clock) for c in channels) for channels in segments
+        tuple((c.name, c.samples.shape, c.unit, c.time.sample_rate, c.time.clock) for c in channels)
+        for channels in segments
     }
-    if len(alike) == 1 and all(channel.clock is None for channel in segments[0]) and segments[0][0].sample_rate:
+    if len(alike) == 1 and all(c.time.clock is None for c in segments[0]) and segments[0][0].time.sample_rate:
         return tuple(
-            Channel(same[0].name, np.stack([channel.samples for channel in same]), same[0].unit, same[0].sample_rate)
+            Channel(same[0].name, np.stack([channel.samples for channel in same]), same[0].unit,
+                    replace(same[0].time, runs=tuple(run for channel in same for run in channel.time.runs)))
             for same in zip(*segments, strict=True)
-        )
+        )  # fmt: skip
     return tuple(
-        Channel(f"{number}/{c.name}", c.samples, c.unit, c.sample_rate,
-                clock=None if c.clock is None else f"{number}/{c.clock}")
+        replace(c, name=f"{number}/{c.name}",
+                time=c.time if c.time.clock is None else replace(c.time, clock=f"{number}/{c.time.clock}"))
         for number, channels in enumerate(segments, start=1)
         for c in channels
     )  # fmt: skip

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.raw.channel_time import ChannelTime
 from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
 from monitor_core.recordings.raw.text.table import (
     Rows,
@@ -172,7 +173,7 @@ def _channels(file_name: str, header: _Header, table: Table, *, in_full: bool) -
             )
         samples = table.numbers[i]
         yield Channel(name, samples if taken is None else samples[taken], header.units.get(i),
-                      started_at=header.started_at, clock=header.names[clock])  # fmt: skip
+                      time=ChannelTime(header.started_at, clock=header.names[clock]))  # fmt: skip
 
 
 def _clock(
@@ -188,7 +189,7 @@ def _clock(
         milliseconds = table.numbers[column] if taken is None else table.numbers[column][taken]
     if not milliseconds.size:
         raise RecordingFormatError(f"{file_name}, {shown(name)}: expected times; the column is blank")
-    return Channel(name, milliseconds, "ms", started_at=header.started_at), taken
+    return Channel(name, milliseconds, "ms", ChannelTime(header.started_at)), taken
 
 
 def _since_start(where: str, texts: Sequence[str], header: _Header) -> tuple[np.ndarray, np.ndarray | None]:

@@ -1,0 +1,316 @@
+"""When the samples of a channel were taken: a zero, and runs of samples without a break between them.
+
+A channel that pauses has several runs, which are never glued. Sampling counts as even where each step of a run is
+within 1 % of its mean one, or where all times agree with an even clock to the digits they are printed with. Anything
+else is resampled where ``[resample]`` says how, or refused.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from itertools import pairwise
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray, SampleArray
+from monitor_core.errors import RecordingFormatError
+
+#: A step of time that is off by more than this share of the mean one is a gap or jitter.
+_STEP_TOLERANCE = 0.01
+#: By which times may miss an even clock, as a share of the digit they are printed to: half of it and a little.
+_PRINTED = 0.55
+#: Digits coarser than this share of a step could hide a sample that is missing.
+_COARSEST = 0.25
+_MOST_DECIMALS = 12
+#: By which a rate of sampling times is open at least (no quartz is that good), and at most.
+_LEAST_OPEN, _MOST_OPEN = 1e-9, 1e-5
+_LAST = 10_000
+#: A pause longer than this many usual steps is a gap: nothing between its ends can be known.
+GAP = 4.5
+#: Of fewer samples between their gaps on average, times are uneven rather than interrupted.
+_FEWEST_BETWEEN_GAPS = 16
+#: By which rates may differ and still be one.
+_SAME_RATE = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """Samples of a channel that follow each other without a break: evenly, or at times."""
+
+    n_samples: int
+    start: float | None = 0.0  # of its first sample behind the zero [s]; None: the file does not say
+    sample_rate: float | None = None  # [Hz]; None: uneven, or the file does not say
+    times: FloatArray | None = None  # of its samples behind the zero [s], where they are given one by one
+    mark: str = ""  # what stands in the file in front of it, where that shows the break
+
+    @property
+    def instants(self) -> FloatArray:
+        """Times of all samples behind the zero [s]."""
+        if self.times is not None:
+            return self.times
+        return (self.start or 0.0) + np.arange(self.n_samples) / (self.sample_rate or math.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelTime:
+    """When the samples of a channel were taken, as far as its file says it."""
+
+    zero: datetime | None = None  # with a time zone
+    offset: float = 0.0  # of what runs and clock count from, behind the zero, or behind that of the other channels [s]
+    runs: tuple[Run, ...] = ()  # none: one run of all samples, at a rate that the file does not say
+    clock: str | None = None  # name of the channel of the same file that holds the sampling times
+    unevenness: str = ""  # why there is no rate, for the message
+
+    @property
+    def rates(self) -> tuple[float, ...]:
+        """The rates of its runs that are known, each once [Hz]."""
+        return tuple(dict.fromkeys(run.sample_rate for run in self.runs if run.sample_rate is not None))
+
+    @property
+    def sample_rate(self) -> float | None:
+        """Rate of all samples [Hz]; ``None`` where runs have several, or none."""
+        return self.rates[0] if len(self.rates) == 1 else None
+
+    @property
+    def started_at(self) -> datetime | None:
+        """When the first sample was taken, where the file says it."""
+        start = self.runs[0].start if self.runs else 0.0
+        return None if self.zero is None or start is None else self.zero + timedelta(seconds=self.offset + start)
+
+    def in_runs(self, n_samples: int) -> "ChannelTime":
+        """Return the same with its runs: one of all samples, where the file parts them by none."""
+        return self if self.runs else replace(self, runs=(Run(n_samples),))
+
+    def at_rate(self, sample_rate: float) -> "ChannelTime":
+        """Return the same with a rate that the file does not say [Hz]."""
+        return replace(self, runs=tuple(replace(run, sample_rate=sample_rate) for run in self.runs))
+
+
+def even_time(
+    n_samples: int, sample_rate: float | None, start: float = 0.0, zero: datetime | None = None
+) -> ChannelTime:
+    """Return the time of samples at one rate [Hz] without a break; ``start`` is behind the zero [s]."""
+    return ChannelTime(zero, runs=(Run(n_samples, start, sample_rate),))
+
+
+def from_one_zero(times: Sequence[ChannelTime]) -> list[ChannelTime]:
+    """Count the times of channels from one zero: the earliest that the file says."""
+    zero = min((time.zero for time in times if time.zero is not None), default=None)
+    return [_counted_from(time, zero) for time in times]
+
+
+def _counted_from(time: ChannelTime, zero: datetime | None) -> ChannelTime:
+    late = 0.0 if time.zero is None or zero is None else (time.zero - zero).total_seconds()
+    late += time.offset
+    runs = tuple(_later(run, late) for run in time.runs) if late else time.runs
+    return replace(time, zero=zero, offset=0.0, runs=runs)
+
+
+def _later(run: Run, late: float) -> Run:
+    return replace(
+        run,
+        start=None if run.start is None else run.start + late,
+        times=None if run.times is None else run.times + late,
+    )
+
+
+def are_together(times: Sequence[ChannelTime]) -> bool:
+    """Tell whether channels were sampled together, evenly, with the same breaks; their zero is one."""
+    first = times[0].runs
+    return all(not time.unevenness and len(time.runs) == len(first) for time in times) and all(
+        run.n_samples == other.n_samples
+        and _is_same_rate(run.sample_rate, other.sample_rate)
+        and seconds_apart(run, other) <= 0.5 / (other.sample_rate or math.inf)
+        for time in times
+        for run, other in zip(time.runs, first, strict=True)
+    )
+
+
+def _is_same_rate(rate: float | None, other: float | None) -> bool:
+    return rate is not None and other is not None and abs(rate - other) <= _SAME_RATE * other
+
+
+def seconds_apart(run: Run, other: Run) -> float:
+    """Return how far apart two runs begin, as far as their file says it [s]."""
+    return 0.0 if run.start is None or other.start is None else abs(run.start - other.start)
+
+
+def time_of_samples(
+    times: FloatArray, printed: float, where: str, parted: Sequence[Run] = ()
+) -> tuple[ChannelTime, tuple[str, ...]]:
+    """Part sampling times into runs, and find the rate of each.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n_samples,)
+        Sampling times. [s]
+    printed : float
+        The digit that they are known to, see :func:`printed_digit`. [s]
+    where : str
+        File and channel, for messages.
+    parted : sequence of Run
+        Runs in which the file parts the samples, as by a row of words among the numbers. Where the times go on evenly
+        over such a place, no sample is missing there, and there is no break.
+
+    Returns
+    -------
+    ChannelTime
+        Runs between the breaks and the gaps, counted as the times are.
+    tuple of str
+        What is to be said of it.
+
+    Raises
+    ------
+    RecordingFormatError
+        If the times are no times: too few, not finite, or running back where the file shows no break.
+
+    """
+    if times.ndim != 1 or times.size < 2:
+        raise RecordingFormatError(f"{where}: expected a row of sampling times; got shape {times.shape}")
+    if not np.all(np.isfinite(times)):
+        raise RecordingFormatError(f"{where}: expected sampling times; number {int(np.argmin(np.isfinite(times)))} is "
+                                   f"{times[np.argmin(np.isfinite(times))]}")  # fmt: skip
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    marks = _marks(parted)
+    stated = np.zeros(steps.size, dtype=np.bool_)
+    stated[[place - 1 for place in marks]] = True
+    back = (steps < 0.0) & ~stated
+    if back.any() or usual < 0.0:
+        raise RecordingFormatError(_ran_back(times, int(np.argmax(back)), usual, printed, where))
+    gaps = (steps > GAP * usual) & (usual > 0.0)
+    if (np.count_nonzero(gaps) + 1) * _FEWEST_BETWEEN_GAPS > times.size:
+        gaps[:] = False
+    parts = np.flatnonzero(gaps | (stated & (np.abs(steps - usual) > 0.5 * usual))) + 1
+    bounds = [0, *parts.tolist(), times.size]
+    pieces = [slice(begin, end) for begin, end in pairwise(bounds)]
+    rates, remarks, uneven = list[float | None](), dict[str, None](), ""
+    for piece in pieces:
+        rate, said = _rate_of(times[piece], printed, where)
+        if rate is None and piece.stop - piece.start > 1:
+            uneven = uneven or _why_uneven(times[piece], piece.start, printed, where)
+        elif said:
+            remarks[said] = None
+        rates.append(rate)
+    longest = max(range(len(pieces)), key=lambda i: pieces[i].stop - pieces[i].start)
+    # times that begin anew do not say how long the break was
+    anew = next((int(part) for part in parts if times[part] <= times[part - 1]), times.size)
+    runs = tuple(
+        Run(
+            piece.stop - piece.start,
+            float(times[piece.start])
+            if piece.start < anew
+            else None,  # begun anew, times do not say how long a break is
+            None if uneven else _shared(rate, rates[longest], times[piece], printed),
+            times[piece],
+            marks.get(piece.start, ""),
+        )
+        for piece, rate in zip(pieces, rates, strict=True)
+    )
+    return ChannelTime(runs=runs, unevenness=uneven), tuple(remarks)
+
+
+def _marks(parted: Sequence[Run]) -> dict[int, str]:
+    """Return the numbers of the samples that begin a run, but for the first, and what stands there."""
+    begins = np.cumsum([run.n_samples for run in parted]).tolist()
+    return {begin: run.mark for begin, run in zip(begins, parted[1:], strict=False)}
+
+
+def _rate_of(times: FloatArray, printed: float, where: str) -> tuple[float | None, str]:
+    """Return the rate of a run [Hz], ``None`` if it is uneven, and what is to be said of it."""
+    if times.size < 2:
+        return None, ""
+    steps = np.diff(times)
+    step = float(times[-1] - times[0]) / steps.size
+    worst = float(np.max(np.abs(steps - step)))
+    if step > 0.0 and worst <= _STEP_TOLERANCE * step:
+        return _plain_rate(1.0 / step, times, printed), ""
+    line_step, distance = _even_line(times)
+    whole = 0.0 < printed <= _COARSEST * line_step and worst <= 2.0 * _PRINTED * printed
+    if whole and distance <= _PRINTED * printed:
+        share = 100.0 * printed / line_step
+        said = f"{where}: times are printed to {printed:.2g} s, {share:.2g} % of a step; taken as even, as they agree"
+        return _plain_rate(1.0 / line_step, times, printed), said
+    return None, ""
+
+
+def _shared(rate: float | None, longest: float | None, times: FloatArray, printed: float) -> float | None:
+    """Return the rate of the longest run for one that does not contradict it, so that runs of one clock have one."""
+    if rate is None or longest is None:
+        return longest
+    drift = abs(rate / longest - 1.0) * float(times[-1] - times[0])
+    return longest if drift <= 2.0 * max(_PRINTED * printed, _STEP_TOLERANCE / longest) else rate
+
+
+def _why_uneven(times: FloatArray, first: int, printed: float, where: str) -> str:
+    steps = np.diff(times)
+    step = float(times[-1] - times[0]) / steps.size
+    worst = int(np.argmax(np.abs(steps - step)))
+    advice = "a table [resample] with sample_rate_hz and method makes it even"
+    if steps.min() == 0.0:
+        advice = (
+            f"several samples share a time, which is printed to {printed:.2g} s only: leave [time] out and state "
+            "sample_rate_hz and started_at in [window]"
+        )
+    return (
+        f"{where}: expected uniform sampling every {step:.6g} s; got a step of {steps[worst]:.6g} s behind sample "
+        f"{first + worst} (all of them: {steps.min():.6g} to {steps.max():.6g} s); {advice}"
+    )
+
+
+#: Counts after which a counter begins anew.
+_WRAPS = tuple(2.0**bits for bits in (8, 16, 24, 31, 32))
+
+
+def _ran_back(times: FloatArray, place: int, usual: float, printed: float, where: str) -> str:
+    """Say where times run back, by how much, and what does so."""
+    back = float(times[place] - times[place + 1])
+    lost = back + max(usual, 0.0)  # by which the clock was put back
+    why = "the file holds several records, to be given one by one"
+    if printed > 0.0 and any(abs(lost / printed - wrap) <= 2.0 + usual / printed for wrap in _WRAPS):
+        why = "a counter that wrapped: export times that go on, or give the parts as files of their own"
+    elif abs(lost - 3600.0) <= max(10.0 * usual, 1.0):
+        why = "clocks were put back by an hour, at the end of summer time: export times in UTC or with their offset"
+    elif abs(lost - 86400.0) <= max(10.0 * usual, 1.0):
+        why = "times of day over midnight, which need a date"
+    return f"{where}: expected rising sampling times; they run back by {back:.6g} s behind sample {place}: {why}"
+
+
+def _plain_rate(rate: float, times: FloatArray, printed: float) -> float:
+    """Return the plainest rate that the times do not contradict: files of one recorder then have the same [Hz].
+
+    Times that are printed to a digit leave the rate open by twice that over their length.
+    """
+    return plainest(rate, min(max(2.0 * printed / float(times[-1] - times[0]), _LEAST_OPEN), _MOST_OPEN))
+
+
+def plainest(rate: float, open_by: float) -> float:
+    """Return the number of fewest digits that differs from a rate by a share of ``open_by`` at most."""
+    for digits in range(1, 16):
+        plain = float(f"{rate:.{digits - 1}e}")
+        if abs(plain / rate - 1.0) <= open_by:
+            return plain
+    return rate
+
+
+def printed_digit(numbers: SampleArray) -> float:
+    """Return the digit that numbers are printed to, in their own unit; 0 where they have more than twelve decimals.
+
+    Single precision counts as print. The last numbers decide: they are the larger ones.
+    """
+    values = np.asarray(numbers[-_LAST:], dtype=np.float64)
+    of_single = float(np.spacing(np.float32(np.abs(values).max()))) if numbers.dtype == np.float32 else 0.0
+    for decimals in range(_MOST_DECIMALS + 1):
+        scaled = values * 10.0**decimals
+        if np.all(np.abs(scaled - np.rint(scaled)) <= 1e-12 * np.abs(scaled) + 1e-6):
+            return max(10.0**-decimals, of_single)
+    return of_single
+
+
+def _even_line(times: FloatArray) -> tuple[float, float]:
+    """Return the step of the even clock nearest to times, and by how much one of them misses it at most [s]."""
+    numbers = np.arange(times.size, dtype=np.float64)
+    slope, start = np.polyfit(numbers, times, 1)
+    misses = times - (start + slope * numbers)
+    return float(slope), 0.5 * float(np.ptp(misses))
