@@ -26,6 +26,8 @@ _TIME_RESPONSE, _FREQUENCY_RESPONSE = 1, 4  # function types of record 6
 _COMPLEX = (5, 6)  # data types of the ordinate: single and double precision
 _FUNCTION_TYPES = {0: "general", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF", 6: "coherence",
                    9: "power spectral density", 12: "spectrum"}  # fmt: skip
+#: Most numbers in a line of text.
+_IN_A_LINE = 6
 #: Start or end of a data set: "    -1" alone on its line, or directly behind binary samples.
 _DELIMITER = re.compile(rb"    -1(?= {74}|\r|\n|\Z)")
 _HERTZ = frozenset(("hz", "hertz", "1/s", "none", ""))
@@ -101,9 +103,12 @@ def read_channels(path: Path) -> Channels:
 
 def _data_set(file: "pyuff.UFF", number: int, where: str) -> _DataSet:
     data_set: _DataSet = file.read_sets(number)
-    if data_set["data"].size != data_set["num_pts"]:
+    n_points, values = data_set["num_pts"], data_set["data"]
+    if 0 < values.size - n_points < _IN_A_LINE and not np.any(values[n_points:]):  # some programs fill up the last line
+        data_set["data"], data_set["x"] = values[:n_points], data_set["x"][:n_points]
+    if data_set["data"].size != n_points:
         raise RecordingFormatError(
-            f"{where}: expected {data_set['num_pts']} samples as its header says; got {data_set['data'].size}"
+            f"{where}: expected {n_points} samples as its header says; got {data_set['data'].size}"
         )
     return data_set
 

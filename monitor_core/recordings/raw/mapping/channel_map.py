@@ -20,6 +20,10 @@
     wraps_at = 65536                           # optional, in the unit of the file: numbers begin anew there
     time = "Time 1"                            # optional: channel with the sampling times of this one, unit as [time]
 
+    [excitation.sweep]                         # only where the file holds none: by names of Klipper,
+    min_freq = 5                               # max_freq, accel_per_hz, hz_per_sec, sweeping_accel, sweeping_period and
+    moving_mass_kg = 0.45                      # what is moved; channel is then any name, and unit "N"
+
     [response]                                 # always an acceleration
     channel = "Nut/Acceleration"
     unit = "g"
@@ -105,6 +109,7 @@ from monitor_core.recordings.raw.mapping.map_records import (
     Resampling,
     ResponseLines,
     SessionSignals,
+    Sweep,
     TimeSource,
     Tolerances,
     WindowFacts,
@@ -115,12 +120,15 @@ from monitor_core.recordings.raw.text.layout import TextLayout
 
 _PLACE = frozenset(("channel", "column", "row"))
 _SIGNAL = _PLACE | {"unit", "sensitivity", "sensitivity_unit", "offset", "time", "wraps_at"}
+_SWEEP = frozenset((
+    "min_freq", "max_freq", "accel_per_hz", "hz_per_sec", "sweeping_accel", "sweeping_period", "moving_mass_kg",
+))  # fmt: skip
 #: What ``[window]`` and ``[[files]]`` may state of a frequency response, and of windows.
 _CONDITIONS = frozenset(("position_mm", "payload_kg", "temperature_c", "preload_n"))
 _FACTS = _CONDITIONS | {"started_at", "position_span_mm", "measurement", "direction"}
 #: Entries of each table.
 _ENTRIES: dict[str, AbstractSet[str]] = {
-    "excitation": _SIGNAL | {"quantity", "source"},
+    "excitation": _SIGNAL | {"quantity", "source", "sweep"},
     "response": _SIGNAL,
     "position": _SIGNAL,
     "time": _PLACE | {"unit", "format", "date", "zone"},
@@ -183,6 +191,7 @@ def _session_map(top: Fields) -> ChannelMap:
         excitation.choice("source", ExcitationSource),
         _channel(response, Quantity.ACCELERATION),
         _channel(_table(top, "position"), Quantity.POSITION) if measured else None,
+        _sweep(excitation.table("sweep", _SWEEP)) if "sweep" in excitation else None,
     )
     files = _files(top, _ENTRIES["files"], measured=measured)
     facts = _facts(window, measured=measured)
@@ -200,6 +209,19 @@ def _session_map(top: Fields) -> ChannelMap:
         _cutting(window),
         files,
         _tolerances(top),
+    )
+
+
+def _sweep(fields: Fields) -> Sweep:
+    """Return the settings of a resonance test, by Klipper's names for them and in its millimetres."""
+    return Sweep(
+        fields.positive("min_freq", "Hz"),
+        fields.positive("max_freq", "Hz"),
+        1e-3 * fields.positive("accel_per_hz", "mm/s2/Hz"),
+        fields.positive("hz_per_sec", "Hz/s"),
+        1e-3 * fields.not_negative("sweeping_accel", "mm/s2"),
+        fields.not_negative("sweeping_period", "s"),
+        fields.positive("moving_mass_kg", "kg"),
     )
 
 

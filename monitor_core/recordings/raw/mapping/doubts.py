@@ -93,7 +93,7 @@ def doubts_of_session(session: Session, signals: SessionSignals) -> Iterator[str
             f"{signals.response.unit or 'in the unit that the file says'}, and not mV or counts?"
         )
     low, high, unit = _MOVING[signals.quantity]
-    if answer > 0.0 and driven > 0.0 and not low <= driven / answer <= high:
+    if signals.sweep is None and answer > 0.0 and driven > 0.0 and not low <= driven / answer <= high:
         yield (
             f"excitation {signals.excitation.channel!r}: in doubt: {driven:.3g} {'N' if unit == 'kg' else 'N·m'} and "
             f"{answer:.3g} m/s² at most would mean {driven / answer:.2g} {unit}; are the numbers {signals.quantity} in "

@@ -16,6 +16,7 @@ from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.mapping.channel_map import facts_required
+from monitor_core.recordings.raw.mapping.commanded import with_commanded_force
 from monitor_core.recordings.raw.mapping.doubts import (
     doubts_of_numbers,
     doubts_of_rate,
@@ -159,11 +160,15 @@ def _windows_of_file(
     seen: Callable[[Channels], None] | None,
 ) -> _FileWindows:
     path = paths[number]
-    sources = [signals.excitation, signals.response, *([] if signals.position is None else [signals.position])]
+    sources = [signals.response, *([] if signals.position is None else [signals.position])]
+    if signals.sweep is None:
+        sources.insert(0, signals.excitation)
     channels = read_channels(path, channel_map.text)
     if seen is not None:
         seen(channels)
     records, doubts = take_records(channels, sources, channel_map), _doubts_of_channels(channels, sources)
+    if signals.sweep is not None:
+        records = tuple(with_commanded_force(record, signals.sweep) for record in records)
     del channels  # what is not in the records is not needed any more
     facts = facts_of_file(path, channel_map)
     if signals.position is None:

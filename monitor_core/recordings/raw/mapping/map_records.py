@@ -91,6 +91,19 @@ class Cutting:
 
 
 @dataclass(frozen=True, slots=True)
+class Sweep:
+    """Settings of a resonance test, and what it moved."""
+
+    start: float  # first frequency [Hz]
+    end: float  # last frequency [Hz]
+    acceleration_per_frequency: float  # [m/s²/Hz]
+    frequency_rate: float  # [Hz/s]
+    slow_acceleration: float  # [m/s²]
+    slow_period: float  # [s]; 0: without
+    moving_mass: float  # [kg]
+
+
+@dataclass(frozen=True, slots=True)
 class SessionSignals:
     """The channels of a session."""
 
@@ -99,6 +112,7 @@ class SessionSignals:
     source: ExcitationSource
     response: MappedChannel
     position: MappedChannel | None
+    sweep: Sweep | None = None  # what the excitation is worked out from, where no channel holds it
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ Exports of programs that name themselves in their first lines (LVM, TwinCAT) nee
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from monitor_core.arrays import BoolArray
@@ -44,6 +45,8 @@ from monitor_core.recordings.raw.text.table import (
 #: Rows that show which columns hold numbers.
 _ROWS_OF_SAMPLE = 20
 _HEAD = 4096
+#: Samples of an accelerometer as Klipper writes them: its documentation says in which units.
+_KLIPPER = b"#time,accel_x,accel_y,accel_z"
 _ENCODINGS = {"utf-16": "the encoding UTF-16", "latin-1": "Latin-1"}
 
 
@@ -96,6 +99,10 @@ def _export_of_program(path: Path) -> Channels | None:
         head = stream.read(_HEAD)
     if lvm.is_lvm(head):
         return lvm.read_channels(path)
+    if head.startswith(_KLIPPER):
+        time, *accelerations = _read_plain(path).channels
+        named = (replace(channel, unit="mm/s2", time=ChannelTime(clock="time")) for channel in accelerations)
+        return Channels(path.name, (replace(time, name="time", unit="s"), *named))
     return twincat.read_channels(path) if twincat.is_twincat(head) else None
 
 
