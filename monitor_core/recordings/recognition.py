@@ -11,7 +11,7 @@ from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings import motion_csv
-from monitor_core.recordings.elements.files import listed, refusing, require_file, utf16_codec
+from monitor_core.recordings.elements.files import listed, refusing, require_file, stem_of, utf16_codec
 from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5
 
 SESSION, FRF_SET, MODAL_TABLE, MOTION_RECORD = "preload-session", "preload-frf-set", "modal-table", "motion-record"
@@ -194,7 +194,7 @@ def is_raw(name: str) -> bool:
 
 def _advice(name: str, got: str, expected: tuple[str, ...]) -> str:
     """Return the next step with a file that is not what a command takes; empty if nothing can be said."""
-    shown, stem = shlex.quote(name), shlex.quote(name.partition(".")[0] or name)
+    shown, stem = shlex.quote(name), shlex.quote(stem_of(name))
     makes_calibration = CALIBRATION in expected and got in (SESSION, MODAL_TABLE)
     if makes_calibration:
         return f"preload calibrate {shown} --out {stem}.calibration.json makes a calibration of it"

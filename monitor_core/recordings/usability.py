@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from monitor_core.recordings import recognition
+from monitor_core.recordings.elements.files import stem_of
 from monitor_core.recordings.recognition import is_raw
 
 #: What a calibration needs at the least: k1, k2 and k4 from positions, k3 from preloads, and one reading to judge them.
@@ -122,4 +123,4 @@ def _shared_uses(name: str, path: Path, settings: Settings) -> list[Use]:
 
 
 def _stem(path: Path) -> str:
-    return shlex.quote(path.name.partition(".")[0] or path.name)
+    return shlex.quote(stem_of(path.name))

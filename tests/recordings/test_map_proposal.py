@@ -249,10 +249,12 @@ def test_two_clocks_ask_for_a_rate():
     channels = (
         Channel("Torque", CURRENT, "Nm", ChannelTime(clock="Time 1")),
         Channel("Acceleration", ACCELERATION, "g", ChannelTime(clock="Time 2")),
-        Channel("Time 1", TIME, "s"), Channel("Time 2", TIME, "s"),
+        Channel("Time 1", TIME, "s"), Channel("Time 2", TIME + 5e-4, "s"),
     )  # fmt: skip
     filled = Filled(proposed_map(Channels("scope.csv", channels)).toml())
     assert "[resample]" in filled.text
+    equal = (*channels[:3], Channel("Time 2", TIME, "s"))
+    assert "[resample]" not in proposed_map(Channels("scope.csv", equal)).toml()
     assert filled.places == ["sample_rate_hz", "started_at", "position_mm"]
 
 
@@ -426,5 +428,5 @@ def test_rows_of_a_workbook_are_proposed_as_those_of_a_text(tmp_path, above, tex
 
 def test_a_workbook_without_a_table_keeps_the_sentence_of_its_reader(tmp_path):
     raw = xlsx(tmp_path / "notes.xlsx", ("Notes", [("made by", "Meyer"), ("at", "noon")], False))
-    with pytest.raises(RecordingFormatError, match="expected at least one channel of numbers; got none"):
+    with pytest.raises(RecordingFormatError, match=r"got only what is not read: made by \(texts\)"):
         map_text(raw)

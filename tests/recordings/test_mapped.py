@@ -133,7 +133,7 @@ REFUSED_MAPS = {
     "no TOML": ("axis_id = ", "expected a channel map in TOML"),
     "no axis": (MAP.replace('axis_id = "mill-3-x"\n', ""), "axis_id: expected a text; it is missing"),
     "no response": (MAP.replace("[response]", "[response_]"), "got 'response_'"),
-    "no window": (MAP.partition("[window]")[0], "window: expected a table [window]; it is missing"),
+    "no window": (MAP.partition("[window]")[0], "expected a table [window] with position_mm, position_span_mm; they"),
     "an unknown entry": (MAP + "sample_rate = 5\n", "[window]: expected only"),
     "half a sensitivity": (MAP.replace('unit = "kN"', 'sensitivity_unit = "N/V"'), "sensitivity: expected a number"),
     "a unit of another quantity": (

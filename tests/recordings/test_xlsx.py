@@ -106,7 +106,7 @@ REFUSED = {
     "a number among names": ((("a", 7), (1, 2)), "1 texts among 2 cells"),
     "one name twice": ((("a", "a"), (1, 2)), "expected columns of different names; got 'a' twice"),
     "names alone": ((("a", "b"),), "expected numbers from row 2 on; got none"),
-    "words alone": ((("a", "b"), ("x", "y")), "expected at least one channel of numbers; got none"),
+    "words alone": ((("a", "b"), ("x", "y")), "got only what is not read: a (texts), b (texts)"),
 }  # fmt: skip
 
 

@@ -35,6 +35,21 @@ def require_file(path: Path) -> Path:
     return path
 
 
+def stem_of(name: str) -> str:
+    """Return a file name without its ending, by which files that are made of it are called.
+
+    Examples
+    --------
+    >>> stem_of("run.2025-03-01.csv"), stem_of("mill.session.h5")
+    ('run.2025-03-01', 'mill')
+
+    """
+    stem = name.rpartition(".")[0] or name
+    for ending in (".session", ".frf", ".calibration", ".motion"):
+        stem = stem.removesuffix(ending)
+    return stem
+
+
 def read_text(path: Path) -> str:
     """Return the file as UTF-8 text without its byte order mark."""
     try:

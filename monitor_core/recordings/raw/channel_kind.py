@@ -125,13 +125,25 @@ def names_other_unit(name: str) -> bool:
 
 def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
     """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
-    by_name = kind_of_name(name)
-    if by_name is not None:
-        return by_name
-    by_unit = kind_of_unit(unit or unit_in_name(name))
-    if by_unit is not None:
-        return by_unit
+    for kind in (kind_of_name(name), kind_of_unit(unit or unit_in_name(name))):
+        rises = samples.ndim == 1 and bool(np.all(np.diff(samples[:MOST_STEPS]) > 0.0))
+        if kind is ChannelKind.FREQUENCY and (not rises or _says_other(name)):
+            continue  # that of a drive, which goes up and down; lines of a spectrum rise
+        if kind is not None:
+            return kind
     return ChannelKind.TIME if unit is None and rises_evenly(samples) else None
+
+
+def is_of_other_quantity(name: str, unit: str | None) -> bool:
+    """Tell whether name or unit say something that no map asks for: a velocity, a temperature, a state."""
+    stated = unit or unit_in_name(name)
+    if canonical_unit(stated) is not None and kind_of_unit(stated) is None and not is_raw(stated):
+        return True
+    return _says_other(name)
+
+
+def _says_other(name: str) -> bool:
+    return any(word.startswith(_BEGINNINGS[None]) for word in _words(_without_unit(name)))
 
 
 def is_planned(name: str) -> bool:

@@ -30,6 +30,7 @@ class Channel:
     samples: SampleArray  # shape (n_samples,), or two-dimensional where the file holds an array of windows
     unit: str | None = None  # as spelled in the file
     time: ChannelTime = field(default_factory=ChannelTime)
+    gaps: str = ""  # why some of the samples are NaN, where the file says it
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "samples", read_only_samples(self.samples))
@@ -63,11 +64,11 @@ class Channels:
     def __post_init__(self) -> None:
         object.__setattr__(self, "texts", MappingProxyType(dict(self.texts)))
         object.__setattr__(self, "numbers", MappingProxyType(dict(self.numbers)))
-        plain = ("".join(letter if letter.isprintable() else "?" for letter in text) for text in self.left_out)
+        kept = (*self.left_out[:MOST_LEFT_OUT], *(["…"] if len(self.left_out) > MOST_LEFT_OUT else []))
+        plain = ("".join(letter if letter.isprintable() else "?" for letter in text) for text in kept)
         object.__setattr__(self, "left_out", tuple(plain))
         if not self.channels and not self.responses:
-            listed = ", ".join(self.left_out[:MOST_LEFT_OUT]) + (", …" if len(self.left_out) > MOST_LEFT_OUT else "")
-            got = f"only what is not read: {listed}" if listed else "none"
+            got = f"only what is not read: {', '.join(self.left_out)}" if self.left_out else "none"
             raise RecordingFormatError(f"{self.file_name}: expected at least one channel of numbers; got {got}")
 
     def __reduce__(self) -> tuple[type["Channels"], tuple[object, ...]]:

@@ -35,6 +35,7 @@ READERS_WITH_LAYOUT: dict[str, Callable[[Path, TextLayout | None], Channels]] = 
     ".csv": columns.read_channels,
     ".tsv": columns.read_channels,
     ".txt": columns.read_channels,
+    ".lvm": lvm.read_channels,
     ".xlsx": xlsx.read_channels,
     ".xlsm": xlsx.read_channels,
 }

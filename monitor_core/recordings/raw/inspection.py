@@ -126,7 +126,7 @@ def summary_of(channel: Channel) -> ChannelSummary:
         maximum=float(finite.max()) if finite.size else None,
         n_not_finite=samples.size - finite.size,
     )
-    return _judged(summary, finite)
+    return _judged(summary, finite, channel.gaps)
 
 
 def is_of_time(kind: ChannelKind | None) -> bool:
@@ -149,13 +149,14 @@ def response_remark(response: FrequencyResponse) -> str:
     return f"{lines.size} lines, {lines[0]:g} to {lines[-1]:g} Hz, {unit}" if lines.size else "no lines"
 
 
-def _judged(summary: ChannelSummary, finite: SampleArray) -> ChannelSummary:
+def _judged(summary: ChannelSummary, finite: SampleArray, gaps: str) -> ChannelSummary:
     constant = finite.size > 1 and summary.minimum == summary.maximum
     stuck = clipped = False
     remarks = []
     n_all = int(np.prod(summary.shape))
     if summary.n_not_finite:
-        remarks.append(f"{summary.n_not_finite} of {n_all} values are not finite")
+        reason = f": {gaps}" if gaps else ""
+        remarks.append(f"{summary.n_not_finite} of {n_all} values are not finite{reason}")
     if constant:
         remarks.append(f"constant: {finite[0]:g} throughout")
     elif finite.size > 2 and not is_of_time(summary.kind):

@@ -29,6 +29,10 @@ _TIME = 1  # what a master counts; others count angles, distances or records
 _WITH_SAMPLES = (0, 2, 3, 6)  # fixed length, masters, virtual
 _LOCAL_TIME = 1  # flag of the header: its time has no zone
 _FORMULA = 3  # conversion by a text with a formula
+_VALUE_TO_TEXT, _RANGE_TO_TEXT = 7, 8
+_TO_TEXTS = (_VALUE_TO_TEXT, _RANGE_TO_TEXT)
+_OTHER_TYPES = {6: "texts", 7: "texts", 8: "texts", 9: "texts", 10: "bytes", 11: "bytes", 12: "bytes", 13: "dates",
+                14: "dates and times", 15: "complex", 16: "complex", 17: "texts"}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +46,9 @@ class _Place:
 def read_channels(path: Path) -> Channels:
     """Read the numeric channels of an MDF file of version 4, converted as it says, with their units and clocks.
 
-    Sampling times of all groups count from the start of the measurement. Channels of texts and bytes, those without
-    samples, and samples that the file marks as invalid throughout are left out; single invalid samples become NaN.
+    Sampling times of all groups count from the start of the measurement. Channels of texts, bytes and dates, those
+    without samples, and samples that the file marks as invalid throughout are named as not read; single invalid
+    samples, and those that stand for a text such as "not available", become NaN.
     ``RecordingFormatError`` if the file is damaged, cut off, unfinished or of version 3; ``MissingReaderError`` if
     asammdf is not installed.
     """
@@ -57,7 +62,8 @@ def read_channels(path: Path) -> Channels:
     with refusing(path.name, "an MDF file of version 4"):
         _require_version_4(path)
         with MDF(path, process_bus_logging=False) as file:
-            return Channels(path.name, _channels(file, path.name))
+            channels, left_out = _channels(file, path.name)
+            return Channels(path.name, channels, left_out=left_out)
 
 
 def _require_version_4(path: Path) -> None:
@@ -74,7 +80,14 @@ def _require_version_4(path: Path) -> None:
         raise RecordingFormatError(f"{path.name}: expected MDF of version 4; got {version!r}: convert it to version 4")
 
 
-def _channels(file: "MDF", where: str) -> tuple[Channel, ...]:
+def _channels(file: "MDF", where: str) -> tuple[tuple[Channel, ...], tuple[str, ...]]:
+    """Return the channels of numbers, and what else the file holds."""
+    left_out = [
+        f"{channel.name} ({_OTHER_TYPES.get(channel.data_type, 'no numbers')})"
+        for group in file.groups
+        for channel in group.channels
+        if channel.data_type not in _OF_NUMBERS
+    ]
     places = [
         _Place(number, index, channel.name, channel.channel_type in _MASTERS and channel.sync_type == _TIME)
         for number, group in enumerate(file.groups)
@@ -95,9 +108,16 @@ def _channels(file: "MDF", where: str) -> tuple[Channel, ...]:
     channels = []
     for place in places:
         # not ignored here: asammdf would leave single ones out, and a channel would be shorter than its clock
-        signal = file.get(group=place.group, index=place.index, ignore_invalidation_bits=True)
-        samples = np.asarray(signal.samples)
-        if samples.dtype.kind not in "fiu" or samples.ndim not in (1, 2) or lengths[place.group] == 0:
+        conversion = file.groups[place.group].channels[place.index].conversion
+        signal = file.get(
+            group=place.group, index=place.index, ignore_invalidation_bits=True,
+            raw=conversion is not None and conversion.conversion_type in _TO_TEXTS,
+        )  # fmt: skip
+        samples, why = np.asarray(signal.samples), ""
+        if conversion is not None and conversion.conversion_type in _TO_TEXTS:
+            samples, why = _numbers_beside_texts(conversion, samples)
+        if lengths[place.group] == 0 or samples.dtype.kind not in "fiu" or samples.ndim not in (1, 2):
+            left_out.append(f"{names[place.group, place.index]} ({_why_no_channel(samples)})")
             continue
         if len(samples) != lengths[place.group]:
             raise RecordingFormatError(
@@ -107,7 +127,9 @@ def _channels(file: "MDF", where: str) -> tuple[Channel, ...]:
         invalid = signal.invalidation_bits
         if invalid is not None and np.any(invalid):
             if np.all(invalid):
+                left_out.append(f"{names[place.group, place.index]} (marked as invalid throughout)")
                 continue
+            why = " and ".join(filter(None, [why, f"{np.count_nonzero(invalid)} are marked as invalid"]))
             samples = np.where(np.asarray(invalid, bool).reshape(-1, *[1] * (samples.ndim - 1)), np.nan, samples)
         channels.append(
             Channel(
@@ -117,9 +139,53 @@ def _channels(file: "MDF", where: str) -> tuple[Channel, ...]:
                 time=ChannelTime(
                     zero if place.group in clocks else None, clock=None if place.is_clock else clocks.get(place.group)
                 ),
+                gaps=why,
             )
         )
-    return tuple(channels)
+    return tuple(channels), tuple(left_out)
+
+
+def _why_no_channel(samples: np.ndarray) -> str:
+    if samples.size == 0:
+        return "no samples"
+    return f"{samples.ndim} dimensions" if samples.dtype.kind in "fiu" else "texts"
+
+
+def _numbers_beside_texts(conversion: "ChannelConversion", raw: np.ndarray) -> tuple[np.ndarray, str]:
+    """Return the numbers of a channel in which some stand for texts, NaN for these, and how many they are.
+
+    What is in no entry of the table is converted by its default, where there is one, and else stands as it is. Where
+    none is a number, the texts are returned.
+    """
+    blocks, is_text, found = conversion.referenced_blocks or {}, np.zeros(raw.shape, np.bool_), list[str]()
+    default = blocks.get("default_addr")
+    numbers = np.array(_converted(default, raw), np.float64)
+    for i in reversed(range(int(conversion.ref_param_nr) - 1)):  # the first entry that fits counts
+        if conversion.conversion_type == _VALUE_TO_TEXT:
+            fits = raw == conversion[f"val_{i}"]
+        else:
+            lower, upper = conversion[f"lower_{i}"], conversion[f"upper_{i}"]
+            fits = (raw >= lower) & ((raw <= upper) if raw.dtype.kind in "iu" else (raw < upper))
+        if not fits.any():
+            continue
+        block = blocks.get(f"text_{i}")
+        is_text[fits] = isinstance(block, bytes)
+        if isinstance(block, bytes):
+            found.append(block.decode("utf-8", "replace").strip(" \0"))
+        else:
+            numbers[fits] = _converted(block, raw[fits])
+    if is_text.all() or (isinstance(default, bytes) and default.strip(b" \0")):
+        return np.array([""]), ""
+    numbers[is_text] = np.nan
+    texts = ", ".join(repr(text[:40]) for text in found[:4])
+    return numbers, f"{np.count_nonzero(is_text)} stand for {texts}" if found else ""
+
+
+def _converted(block: object, raw: np.ndarray) -> np.ndarray:
+    """Return what a conversion in the table of another one makes of numbers; texts and none leave them."""
+    if block is None or isinstance(block, bytes):
+        return raw
+    return np.asarray(block.convert(raw))  # type: ignore[attr-defined]  # a conversion of asammdf
 
 
 def _require_no_formula(conversion: "ChannelConversion | None", where: str) -> None:

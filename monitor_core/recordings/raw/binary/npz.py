@@ -18,7 +18,6 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
 from monitor_core.recordings.raw.channels import (
-    MOST_LEFT_OUT,
     MOST_NUMBERS,
     Channel,
     Channels,
@@ -124,4 +123,4 @@ def _read(path: Path, arrays: list[_Stored]) -> Channels:
             Channel(name, native_samples(values if field is None else values[field])) for name, field in array.fields()
         ]
     numbers = single_numbers((array.name, array.values().item()) for array in single)
-    return Channels(path.name, tuple(channels), numbers=numbers, left_out=tuple(left_out[: MOST_LEFT_OUT + 1]))
+    return Channels(path.name, tuple(channels), numbers=numbers, left_out=tuple(left_out))

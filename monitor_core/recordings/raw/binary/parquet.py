@@ -1,8 +1,8 @@
 """Read Parquet files through pyarrow (extra ``parquet``): every column of numbers is a channel of its name.
 
-Columns of instants are channels of seconds from the earliest of their first values, which is the zero of these times
-where the columns say that they are in UTC. The unit is what the metadata of a column call ``unit`` or ``units``. A
-missing number becomes NaN.
+A duration and a time of day become seconds, a decimal becomes a number. Columns of instants are channels of seconds
+from the earliest of their first values, which is the zero of these times where the columns say that they are in UTC.
+The unit is what the metadata of a column call ``unit`` or ``units``. A missing number becomes NaN.
 """
 
 from datetime import UTC, datetime, timedelta
@@ -29,7 +29,7 @@ _PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 def read_channels(path: Path) -> Channels:
     """Read the columns of numbers and instants of a Parquet file; it states no sample rate.
 
-    Columns of texts, truth values, decimals and nested ones are left out. ``RecordingFormatError`` if the file is
+    Columns of texts, dates, truth values and nested ones are named as not read. ``RecordingFormatError`` if the file is
     damaged or would unpack to far more than it holds; ``MissingReaderError`` if pyarrow is not installed.
     """
     try:
@@ -46,14 +46,22 @@ def read_channels(path: Path) -> Channels:
         with pq.ParquetFile(path, thrift_string_size_limit=limit, thrift_container_size_limit=limit) as file:
             fields = [field for field in file.schema_arrow if _is_channel(field.type)]
             _require_plausible(file.metadata, [field.name for field in fields], path)
+            left_out = [f"{field.name} ({field.type})" for field in file.schema_arrow if not _is_channel(field.type)]
             columns = [(field, _column(file, field, path.name)) for field in fields]
-        return Channels(path.name, _channels(columns, path.name))
+        return Channels(path.name, _channels(columns, path.name), left_out=tuple(left_out))
 
 
 def _is_channel(kind: "pa.DataType") -> bool:
     import pyarrow as pa  # noqa: PLC0415
 
-    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_timestamp(kind))
+    is_number = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+    return bool(is_number or pa.types.is_timestamp(kind) or _is_duration(kind))
+
+
+def _is_duration(kind: "pa.DataType") -> bool:
+    import pyarrow as pa  # noqa: PLC0415
+
+    return bool(pa.types.is_duration(kind) or pa.types.is_time(kind))
 
 
 def _require_plausible(metadata: "pq.FileMetaData", names: list[str], path: Path) -> None:
@@ -85,9 +93,20 @@ def _channels(columns: list[tuple["pa.Field", "pa.ChunkedArray"]], where: str) -
     return tuple(
         _clock(field, column, zeros[field.type.tz is not None])
         if pa.types.is_timestamp(field.type)
-        else Channel(field.name, native_samples(column.to_numpy()), _unit(field))
+        else _of_numbers(field, column)
         for field, column in columns
     )
+
+
+def _of_numbers(field: "pa.Field", column: "pa.ChunkedArray") -> Channel:
+    import pyarrow as pa  # noqa: PLC0415
+
+    if _is_duration(field.type):
+        whole = column.cast(pa.int32() if field.type.bit_width == 32 else pa.int64())
+        return Channel(field.name, native_samples(whole.to_numpy() / np.float64(_PER_SECOND[field.type.unit])), "s")
+    if pa.types.is_decimal(field.type):
+        column = column.cast(pa.float64())
+    return Channel(field.name, native_samples(column.to_numpy()), _unit(field))
 
 
 def _unit(field: "pa.Field") -> str | None:

@@ -25,6 +25,7 @@ _VERSIONS = (4712, 4713)
 _SCALES = frozenset(("Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract",
                      "AdvancedAPI"))  # fmt: skip
 _MOST_SCALES = 100
+_NOT_READ = {"c": "complex", "M": "times"}
 #: No value takes less than one bit (digital lines), and scaling adds none.
 _VALUES_PER_BYTE = 8
 
@@ -34,8 +35,8 @@ def read_channels(path: Path) -> Channels:
 
     The unit comes from ``unit_string``, the sample rate from ``wf_increment``, the start from ``wf_start_time`` and
     ``wf_start_offset``; TDMS times are UTC by definition of the format. Channels without samples and channels of text,
-    times or complex numbers are left out. ``RecordingFormatError`` if the file is damaged, cut off, or promises more
-    samples than it can hold; ``MissingReaderError`` if npTDMS is not installed.
+    times or complex numbers are named as not read. ``RecordingFormatError`` if the file is damaged, cut off, or
+    promises more samples than it can hold; ``MissingReaderError`` if npTDMS is not installed.
     """
     try:
         from nptdms import TdmsFile  # noqa: PLC0415
@@ -48,7 +49,7 @@ def read_channels(path: Path) -> Channels:
     log_manager.set_level("CRITICAL")  # what npTDMS only warns of is refused here
     n_bytes = require_file(path).stat().st_size
     _require_whole_segments(path, n_bytes)
-    channels = []
+    channels, left_out = list[Channel](), list[str]()
     # opened here, because npTDMS would prefer a neighbouring *.tdms_index, which may be of another recording
     with refusing(path.name, "a TDMS file"), path.open("rb") as stream, TdmsFile.open(stream) as file:
         if file.file_status.channel_statuses is not None:
@@ -58,6 +59,8 @@ def read_channels(path: Path) -> Channels:
             for properties in (channel.properties, file[channel.group_name].properties, file.properties):
                 _require_known_scales(properties, f"{path.name}, {name}")
             if len(channel) == 0 or channel.dtype.kind not in "fiub":
+                kind = _NOT_READ.get(channel.dtype.kind, "texts") if len(channel) else "no samples"
+                left_out.append(f"{name} ({kind})")
                 continue
             require_plausible_length(len(channel), f"{path.name}, {name}")
             if len(channel) > n_bytes * _VALUES_PER_BYTE:
@@ -66,7 +69,7 @@ def read_channels(path: Path) -> Channels:
                     f"got {n_bytes} bytes in all"
                 )
             channels.append(_channel(channel, name, path.name))
-    return Channels(path.name, tuple(channels))
+    return Channels(path.name, tuple(channels), left_out=tuple(left_out))
 
 
 def _require_whole_segments(path: Path, n_bytes: int) -> None:

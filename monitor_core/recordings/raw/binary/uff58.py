@@ -55,7 +55,7 @@ class _DataSet(_Header):
 
 
 def read_channels(path: Path) -> Channels:
-    """Read the time histories and frequency responses of a universal file; data sets of other kinds are left out.
+    """Read the time histories and frequency responses of a universal file; other functions are named as not read.
 
     The unit comes from the ordinate's label (of a response also from its denominator's), the sample rate from the
     abscissa's increment, the start from its first value. The date in the header has no zone, so it is not known when
@@ -98,7 +98,12 @@ def read_channels(path: Path) -> Channels:
         for i, name in zip(responses, _names(headers, responses), strict=True):
             where = f"{path.name}, {name}"
             found.append(_response(_data_set(file, i, where), name, where))
-        return Channels(path.name, tuple(channels), tuple(found))
+        left_out = [
+            f"data set {i + 1} ({_FUNCTION_TYPES.get(header['func_type'], 'another function')})"
+            for i, header in headers.items()
+            if i not in histories and i not in responses
+        ]
+        return Channels(path.name, tuple(channels), tuple(found), left_out=tuple(left_out))
 
 
 def _data_set(file: "pyuff.UFF", number: int, where: str) -> _DataSet:

@@ -9,7 +9,7 @@ seconds; a sheet has no time zone, so there is no start.
 import math
 import warnings
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -26,6 +26,7 @@ from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.proposal import propose_for_cells
 
 if TYPE_CHECKING:
+    from openpyxl.cell.read_only import EmptyCell, ReadOnlyCell
     from openpyxl.workbook import Workbook
     from openpyxl.worksheet._read_only import ReadOnlyWorksheet as Sheet
 
@@ -63,38 +64,56 @@ class _Column:
     unit: str | None
     numbers: "array[float]" = field(default_factory=lambda: array("d"))
     first_text: tuple[int, str] | None = None  # row and text
-    first_number: int | None = None  # row
+    are_dates: bool | None = None  # the numbers; None: there are none yet
     n_empty: int = 0  # cells since the last number
 
-    def add(self, value: object, row: int, where: str) -> None:
-        place = f"{where}, row {row}, column {self.name!r}"
+    def add(self, value: object, *, is_date: bool, row: int, where: str) -> None:
         if value is None:
             self.n_empty += 1
             return
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.first_text = self.first_text or (row, str(value))
         else:
+            if self.are_dates not in (None, is_date):
+                kinds = ("numbers", "a date or a time")[:: 1 if is_date else -1]
+                raise RecordingFormatError(
+                    f"{where}, row {row}, column {self.name!r}: expected {kinds[0]} as above; got {kinds[1]}"
+                )
+            self.are_dates = is_date
             self.numbers.extend([math.nan] * self.n_empty)
             self.numbers.append(value)
             self.n_empty = 0
-            self.first_number = self.first_number or row
-        if self.first_text is not None and self.first_number is not None:
-            raise RecordingFormatError(f"{place}: expected numbers alone; got {self.first_text[1][:40]!r}")
+        if self.first_text is not None and self.are_dates is not None:
+            at, text = self.first_text
+            raise RecordingFormatError(
+                f"{where}, row {at}, column {self.name!r}: expected numbers alone; got {text[:40]!r}"
+            )
 
 
 def read_channels(path: Path, layout: Layout | None = None) -> Channels:
     """Read the columns of a sheet; ``layout`` says where they stand, if not under the names in the first row.
 
-    Columns of texts and empty ones are left out; an empty cell above a number is NaN.
-    ``RecordingFormatError`` if the workbook is damaged, if it has several sheets and none is named,
-    if a cell among numbers is a text, or if two columns have one name;
+    Columns of texts are named as not read, also where these are numbers stored as text; an empty cell above a number is
+    NaN. ``RecordingFormatError`` if the workbook is damaged, if it has several sheets and none is named,
+    if a cell among numbers is a text, an error, a truth value or a date, or if two columns have one name;
     ``MissingReaderError`` if openpyxl is not installed.
     """
     with _opened(path) as book:
         sheet = _sheet(book, layout, path.name)
         where = f"{path.name}, {sheet.title}"
         columns, first_row = _columns(sheet, layout, where)
-        return Channels(path.name, _channels(columns, _formats(sheet, first_row), where))
+        left_out = tuple(_texts(columns.values()))
+        return Channels(path.name, _channels(columns, _formats(sheet, first_row), where), left_out=left_out)
+
+
+def _texts(columns: Iterable[_Column]) -> Iterator[str]:
+    """Say what columns of texts are."""
+    for column in columns:
+        if column.first_text is not None:
+            row, text = column.first_text
+            is_number = text.strip().replace(",", ".").lstrip("+-").replace(".", "", 1).isdigit()
+            stored = f"numbers stored as text, from row {row} on: turn them into numbers in Excel"
+            yield f"{column.name} ({stored if is_number else 'texts'})"
 
 
 @contextmanager
@@ -115,8 +134,8 @@ def _opened(path: Path) -> Iterator["Workbook"]:
         warnings.simplefilter("ignore")  # what openpyxl warns of is formatting that it does not keep
         book = openpyxl.load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         try:
-            # as numbers: openpyxl would round a date to the millisecond
-            book._date_formats = set()
+            # as numbers, told by their style: openpyxl would round a date to the millisecond
+            book.date_styles, book._date_formats = frozenset(book._date_formats), set()
             yield book
         finally:
             book.close()
@@ -145,10 +164,19 @@ def _sheet(book: "Workbook", layout: Layout | None, where: str) -> "Sheet":
 
 
 def _rows_of(sheet: "Sheet", where: str) -> Iterator[tuple[int, tuple[object, ...]]]:
-    """Yield the rows that have cells, with their numbers."""
+    """Yield the values of the rows that have cells, with their numbers."""
+    for number, values, _ in _cells_of(sheet, where):
+        yield number, values
+
+
+def _cells_of(
+    sheet: "Sheet", where: str
+) -> Iterator[tuple[int, tuple[object, ...], tuple["ReadOnlyCell | EmptyCell", ...]]]:
+    """Yield the rows that have cells: number, values, cells."""
     n_filled = n_empty = 0
-    for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
-        empty = cells.count(None)
+    for number, cells in enumerate(sheet.iter_rows(), start=1):
+        values = tuple([cell.value for cell in cells])
+        empty = values.count(None)
         n_empty, n_filled = n_empty + empty, n_filled + len(cells) - empty
         if number > _MOST_ROWS or len(cells) > MAX_CHANNELS or n_empty > _FREE_EMPTY_CELLS + 4 * n_filled:
             raise RecordingFormatError(
@@ -156,7 +184,7 @@ def _rows_of(sheet: "Sheet", where: str) -> Iterator[tuple[int, tuple[object, ..
                 f"got {n_filled} filled cells and {n_empty} empty ones by row {number}"
             )
         if empty < len(cells):
-            yield number, cells
+            yield number, values, cells
 
 
 def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> tuple[dict[int, _Column], int]:
@@ -166,7 +194,8 @@ def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> tuple[dict[in
     heads: dict[int, tuple[object, ...]] = {}
     columns: dict[int, _Column] = {}
     first_row = last_head = n_rows = 0
-    for number, cells in _rows_of(sheet, where):
+    dates: frozenset[int] = getattr(sheet.parent, "date_styles", frozenset())
+    for number, cells, row in _cells_of(sheet, where):
         if not first_row:
             if header_row is None:
                 header_row = 0 if all(_is_number(cell) for cell in cells if cell is not None) else number
@@ -182,7 +211,9 @@ def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> tuple[dict[in
                 columns[place] = _column(place, heads, header_row or 0, unit_row, where)
                 columns[place].n_empty = n_rows
         for place, column in columns.items():
-            column.add(cells[place] if place < len(cells) else None, number, where)
+            value = cells[place] if place < len(cells) else None
+            is_date = value is not None and getattr(row[place], "_style_id", None) in dates
+            column.add(value, is_date=is_date, row=number, where=where)
         n_rows += 1
     if not columns:
         raise RecordingFormatError(f"{where}: expected numbers from row {first_row or 1} on; got none")

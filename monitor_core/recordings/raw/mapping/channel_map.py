@@ -151,6 +151,13 @@ _TOP = {
     MapKind.MOTION: {"motion", "time", "resample"},
     MapKind.FRF_SET: {"frf", "window", "files", "tolerances"},
 }
+#: Entries that no map of a kind does without.
+_REQUIRED: dict[MapKind, dict[str, tuple[str, ...]]] = {
+    MapKind.SESSION: {"": ("axis_id",), "excitation": ("channel", "quantity", "source"), "response": ("channel",)},
+    MapKind.MOTION: {"motion": ("position",)},
+    MapKind.FRF_SET: {"frf": ("input", "output")},
+}
+_PLACES_OF_KIND = {MapKind.SESSION: ("position_mm", "position_span_mm"), MapKind.FRF_SET: ("position_mm",)}
 _ANY_MAP = {"axis_id", "description", "text"}
 _PHASES = {"deg": math.pi / 180.0, "rad": 1.0}
 _FREQUENCIES = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi}
@@ -171,7 +178,24 @@ def parse_channel_map(text: str, where: str) -> ChannelMap:
     top = Fields(parse_toml(text, where, "a channel map"), where)
     kind = MapKind.MOTION if "motion" in top else MapKind.FRF_SET if "frf" in top else MapKind.SESSION
     top.only(_ANY_MAP | _TOP[kind])
+    _require_entries(top, kind)
     return {MapKind.SESSION: _session_map, MapKind.MOTION: _motion_map, MapKind.FRF_SET: _frf_map}[kind](top)
+
+
+def _require_entries(top: Fields, kind: MapKind) -> None:
+    """Refuse a map that lacks several entries, with all of them; one alone is refused where it is read."""
+    required = dict(_REQUIRED[kind])
+    if kind is not MapKind.MOTION and "position" not in top and "files" not in top:
+        required["window"] = _PLACES_OF_KIND[kind]
+    missing = []
+    for name, entries in required.items():
+        table = top.values.get(name, {}) if name else top.values
+        lacking = [entry for entry in entries if isinstance(table, dict) and entry not in table]
+        whole = f"a table [{name}] with {', '.join(lacking)}"
+        there = f"{', '.join(lacking)}{f' in [{name}]' if name else ''}"
+        missing += [there if not name or name in top else whole] if lacking else []
+    if len(missing) > 1 or any("," in entries for entries in missing):
+        raise RecordingFormatError(f"{top.where}: expected {'; '.join(missing)}; they are missing")
 
 
 def _session_map(top: Fields) -> ChannelMap:

@@ -359,6 +359,8 @@ def _doubts_of_channels(channels: Channels, sources: Sequence[MappedChannel]) ->
     doubts = list[str]()
     for source in sources:
         signal, resolved = signal_of(channels, source)
+        if signal.gaps:
+            doubts.append(f"{channels.file_name}, {signal.name}: some samples are no numbers: {signal.gaps}")
         doubts += doubts_of_numbers(signal.samples, resolved, f"{channels.file_name}, {signal.name}")
     return doubts
 

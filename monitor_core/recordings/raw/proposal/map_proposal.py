@@ -7,6 +7,7 @@ file leaves open is given a value by itself.
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 
+from monitor_core.recordings.elements.files import stem_of
 from monitor_core.recordings.elements.units import Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import ChannelKind
 from monitor_core.recordings.raw.channels import Channels
@@ -52,6 +53,7 @@ _REMARKS_OF_TEXT = {
     "comment": "lines that begin so are left out",
     "encoding": "utf-8 | latin-1 | utf-16",
     "sheet": "of the workbook",
+    "believe": "rows: where the header states another number of samples",
 }
 _POSITION = missing("position_mm", "where the table stood, in mm from the fixed bearing")
 
@@ -60,7 +62,7 @@ def proposed_map(channels: Channels, layout: TextLayout | None = None) -> MapPro
     """Propose a map for channels that were read; ``layout`` is how a text is written, where not plain."""
     parts, texts = parts_of(channels), text_times(channels.texts)
     tables = {Made.FRF_SET: _frf_tables, Made.MOTION: _motion_tables, Made.SESSION: _session_tables}
-    name = channels.file_name.partition(".")[0] or "axis"
+    name = stem_of(channels.file_name) or "axis"
     axis = MapTable("", (MapEntry("axis_id", name, "name of the axis; this is the name of the file"),))
     text = [] if layout is None else [MapTable("text", tuple(_text_entries(layout)))]
     body = tables[made_of_parts(channels, parts)](parts, texts, channels)
@@ -111,7 +113,7 @@ def _session_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Ch
         travel = tuple(channel_entries(position, Quantity.POSITION, parts))
         yield MapTable("position", travel, "measured travel; without it, position_mm in [window]")
     signals = [part for part in (excitation, response, position) if part is not None]
-    yield from time_tables(times, signals)
+    yield from time_tables(times, signals, channels)
     yield MapTable("window", tuple(_window_lines(signals, times, channels, has_position=position is not None)))
 
 
@@ -188,7 +190,7 @@ def _motion_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Cha
     if others:
         commanded = tuple(channel_entries(others[0], Quantity.POSITION, parts))
         yield MapTable("motion.reference", commanded, "the position that was commanded; may be left out")
-    yield from time_tables(times, signals)
+    yield from time_tables(times, signals, channels)
 
 
 def _frf_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Channels) -> Iterator[MapTable]:
@@ -221,11 +223,13 @@ def _response_table(channels: Channels) -> MapTable:
 def _columns_of_response(parts: Sequence[Part]) -> Iterator[MapTable]:
     lines = next(part for part in parts if part.kind is ChannelKind.FREQUENCY)
     rest = [part for part in parts if part is not lines]
-    frequency = MapEntry("channel", lines.channel.name, "frequency-like"), MapEntry("unit", "Hz", "unit of the lines")
+    unit = MapEntry("unit", lines.unit or "Hz", "unit of the lines: Hz | kHz | rad/s")
+    frequency = MapEntry("channel", lines.channel.name, "frequency-like"), unit
     yield MapTable("frf.frequency", frequency)
     names = [part.channel.name.lower() for part in rest]
-    by_phase = any(name.startswith(("mag", "amp", "abs", "phase", "ang")) for name in names)
-    roles = (("magnitude", ("mag", "amp", "abs")), ("phase", ("phase", "ang"))) if by_phase else (
+    magnitude, phase = ("mag", "amp", "abs", "gain", "level", "betrag"), ("phase", "ang", "arg")
+    by_phase = any(name.startswith((*magnitude, *phase)) for name in names)
+    roles = (("magnitude", magnitude), ("phase", phase)) if by_phase else (
         ("real", ("re",)), ("imaginary", ("im",)),
     )  # fmt: skip
     for role, beginnings in roles:
@@ -236,5 +240,14 @@ def _columns_of_response(parts: Sequence[Part]) -> Iterator[MapTable]:
         else:
             rest.remove(part)
             channel = MapEntry("channel", part.channel.name, "by its name, or its place in the file")
-        unit = '"deg" | "rad"' if role == "phase" else "unit of the response, such as m/(N.s2) or m/N"
-        yield MapTable(f"frf.{role}", (channel, missing("unit", unit)))
+        yield MapTable(f"frf.{role}", (channel, _unit_of_line(role, None if part is None else part.unit)))
+
+
+def _unit_of_line(role: str, stated: str | None) -> MapEntry:
+    if role == "phase" and stated in ("deg", "rad"):
+        return MapEntry("unit", stated, "as the name of the channel says")
+    if role == "phase":
+        return missing("unit", '"deg" | "rad"')
+    if stated == "dB":
+        return missing("unit", 'what 0 dB is, such as "dB re 1 m/(N.s2)"')
+    return missing("unit", "unit of the response, such as m/(N.s2) or m/N")

@@ -4,9 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from monitor_core.arrays import SampleArray
-from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
-from monitor_core.recordings.raw.channel_kind import ChannelKind, is_planned, kind_of, unit_in_name
+from monitor_core.recordings.elements.units import Quantity, canonical_unit, quantity_of_unit
+from monitor_core.recordings.raw.channel_kind import (
+    ChannelKind,
+    is_of_other_quantity,
+    is_planned,
+    kind_of,
+    unit_in_name,
+)
 from monitor_core.recordings.raw.channels import Channel, Channels
 
 #: Arrays with so few rows or columns hold a channel in each of them, not a window.
@@ -47,10 +55,11 @@ def made_of_parts(channels: Channels, parts: Sequence[Part]) -> Made:
     kinds = {part.kind for part in parts}
     if channels.responses or ChannelKind.FREQUENCY in kinds:
         return Made.FRF_SET
-    return Made.MOTION if _is_motion(kinds) else Made.SESSION
+    return Made.MOTION if _is_motion(parts) else Made.SESSION
 
 
-def _is_motion(kinds: set[ChannelKind | None]) -> bool:
+def _is_motion(parts: Sequence[Part]) -> bool:
+    kinds = {part.kind for part in parts if not is_of_other_quantity(part.channel.name, part.channel.unit)}
     drive = ChannelKind.FORCE in kinds or ChannelKind.TORQUE in kinds
     return drive and ChannelKind.POSITION in kinds and ChannelKind.ACCELERATION not in kinds and None not in kinds
 
@@ -64,7 +73,7 @@ def parts_of(channels: Channels) -> list[Part]:
         if samples.ndim == 2 and len(arrays) == 1 and 1 < min(samples.shape) <= _MOST_CHANNELS_IN_ARRAY:
             in_rows = samples.shape[0] < samples.shape[1]
             for number, values in enumerate(samples if in_rows else samples.T, start=1):
-                kind = kind_of(str(number), None, values)
+                kind = kind_of(str(number), None, values) or kind_of(channel.name, channel.unit, values)
                 parts.append(Part(channel, values, kind, "row" if in_rows else "column", number))
         else:
             parts.append(Part(channel, samples, kind_of(channel.name, channel.unit, samples)))
@@ -76,7 +85,9 @@ def signals_in(parts: Sequence[Part]) -> tuple[Part | None, Part | None]:
     excitation = first_like(parts, (ChannelKind.TORQUE, ChannelKind.FORCE))
     response = first_like(parts, (ChannelKind.ACCELERATION,))
     longest = max((part.samples.size for part in parts), default=0)
-    left = [part for part in parts if part.kind is None and part.samples.size == longest]
+    left = [
+        part for part in parts if part.kind is None and part.samples.size == longest and np.ptp(part.samples) != 0.0
+    ]
     if excitation is None and left:
         excitation = left.pop(0)
     if response is None and left:
@@ -94,7 +105,7 @@ def quantity_of(part: Part | None) -> Quantity | None:
     """Return torque or force as the unit says, else as the name says; None where neither does."""
     if part is None:
         return None
-    for quantity in (Quantity.TORQUE, Quantity.FORCE):
-        if part.unit in FACTOR_TO_SI[quantity]:
-            return quantity
+    quantity = quantity_of_unit(part.unit)
+    if quantity in (Quantity.TORQUE, Quantity.FORCE):
+        return quantity
     return Quantity(str(part.kind)) if part.kind in (ChannelKind.TORQUE, ChannelKind.FORCE) else None

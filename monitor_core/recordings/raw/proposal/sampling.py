@@ -37,7 +37,7 @@ _FEWEST_WINDOWS = 8
 #: How single numbers are named that state the rate [Hz], or the step [s]; without blanks, hyphens and underscores.
 _NAMES_OF_RATE = frozenset((
     "fs", "fshz", "fsamp", "fsample", "fsampling", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency",
-    "sampleratehz", "samplingratehz", "samplingfrequencyhz",
+    "sampleratehz", "samplingratehz", "samplingfrequencyhz", "samplingfreq", "samplefreq", "sampfreq", "samprate",
 ))  # fmt: skip
 _NAMES_OF_STEP = frozenset(("dt", "ts", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval"))
 
@@ -63,8 +63,9 @@ class StatedRate:
 
 def rate_of_numbers(channels: Channels) -> StatedRate | None:
     """Return the rate that single numbers of the file seem to state; None where none does, or they contradict."""
-    stated_rates = list[StatedRate]()
-    for name, value in channels.numbers.items():
+    stated_rates, numbers = list[StatedRate](), dict(channels.numbers)
+    numbers |= {c.name: float(c.samples.flat[0]) for c in channels.channels if c.samples.size and not np.ptp(c.samples)}
+    for name, value in numbers.items():
         last = re.sub(r"[-_\s]", "", name.rpartition(".")[2].lower())
         if last in _NAMES_OF_RATE and value > 0.0:
             stated_rates.append(StatedRate(value, name))
@@ -81,7 +82,7 @@ def rate_entry(stated: StatedRate | None) -> MapEntry:
     return number("sample_rate_hz", f"{stated.sample_rate:.12g}", f"{plain(stated.name)} of the file")
 
 
-def time_tables(times: Part | TextTimes | None, signals: Sequence[Part]) -> list[MapTable]:
+def time_tables(times: Part | TextTimes | None, signals: Sequence[Part], channels: Channels) -> list[MapTable]:
     """Return the table of sampling times, or of the rate that clocks of their own are brought to; none if neither."""
     clocks = {part.channel.time.clock for part in signals}
     if clocks - {None}:
@@ -89,7 +90,10 @@ def time_tables(times: Part | TextTimes | None, signals: Sequence[Part]) -> list
             missing("sample_rate_hz", "rate that all channels are brought to"),
             MapEntry("method", "cubic", "cubic | linear; the error is estimated and said"),
         )
-        return [MapTable("resample", resample, "the channels have clocks of their own")] if len(clocks) > 1 else []
+        held = [channels.channel(clock).samples for clock in clocks if clock is not None]
+        if len(held) == len(clocks) and all(np.array_equal(held[0], other) for other in held[1:]):
+            return []
+        return [MapTable("resample", resample, "the channels have clocks of their own")]
     if times is None or any(part.channel.time.rates for part in signals):
         return []
     entries = _text_time_entries(times) if isinstance(times, TextTimes) else _time_entries(times)

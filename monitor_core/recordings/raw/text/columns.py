@@ -58,10 +58,12 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
     cell among numbers is NaN. A column without a name is called by its number, as those of a file without a header.
     ``RecordingFormatError`` if a cell is no number, if rows are of unequal length, or if two columns have one name.
     """
-    if layout is not None:
+    if layout is not None and layout.believe is None:
         return _read_with_layout(path, layout)
-    if (channels := _export_of_program(path)) is not None:
+    if (channels := _export_of_program(path, layout)) is not None:
         return channels
+    if layout is not None:
+        raise RecordingFormatError(f"{path.name}: expected believe in [text] of an export whose header counts samples")
     try:
         return _read_plain(path)
     except RecordingFormatError as error:
@@ -94,11 +96,11 @@ def read_as_proposed(path: Path) -> tuple[Channels, TextLayout | None]:
         raise plain from None
 
 
-def _export_of_program(path: Path) -> Channels | None:
+def _export_of_program(path: Path, layout: TextLayout | None = None) -> Channels | None:
     with require_file(path).open("rb") as stream:
         head = stream.read(_HEAD)
     if lvm.is_lvm(head):
-        return lvm.read_channels(path)
+        return lvm.read_channels(path, layout)
     if head.startswith(_KLIPPER):
         time, *accelerations = _read_plain(path).channels
         named = (replace(channel, unit="mm/s2", time=ChannelTime(clock="time")) for channel in accelerations)
@@ -246,7 +248,7 @@ def _units(line: str | None, separator: str | None, n_columns: int, where: str) 
 
 def _may_be_number(cells: Sequence[str], i: int, decimal: str) -> bool:
     """Tell whether a cell is no text; one with signs between thousands is refused as a number."""
-    return len(cells) > i and (is_number(cells[i], decimal) or has_thousands(cells[i]))
+    return len(cells) > i and (is_number(cells[i], decimal) or has_thousands(cells[i], decimal))
 
 
 def _channels(

@@ -31,6 +31,7 @@ class TextLayout:
     comment: str | None = None  # lines that begin so are left out, and still count as rows
     encoding: str = "utf-8"
     sheet: str | None = None  # of a workbook
+    believe: str | None = None  # "rows": where the header of an export states another number of samples
 
     @classmethod
     def from_fields(cls, fields: Fields) -> "TextLayout":
@@ -48,6 +49,7 @@ class TextLayout:
             comment=fields.optional_text("comment"),
             encoding=fields.optional_word("encoding", _ENCODINGS) or "utf-8",
             sheet=fields.optional_text("sheet"),
+            believe=fields.optional_word("believe", ("rows",)),
         )
         for name, row in (("header_row", layout.header_row or 0), ("unit_row", layout.unit_row or 0)):
             if layout.first_row is not None and row >= layout.first_row:

@@ -14,6 +14,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channel_time import ChannelTime, even_time
 from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
+from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.table import (
     MAX_COLUMNS,
     Rows,
@@ -39,6 +40,7 @@ class _FileHeader:
     separator: str
     decimal: str
     columns_of_x: str  # "No" | "One" | "Multi"
+    believe_rows: bool
 
     @property
     def stride(self) -> int:
@@ -56,6 +58,7 @@ class _Column:
     n_samples: int | None
     unit: str | None
     step: float | None  # [s]; None: x is no time, or no step is stated
+    believe_rows: bool  # where the header states more samples
 
 
 def is_lvm(head: bytes) -> bool:
@@ -63,16 +66,20 @@ def is_lvm(head: bytes) -> bool:
     return head.removeprefix(b"\xef\xbb\xbf").startswith(_SIGNATURE)
 
 
-def read_channels(path: Path) -> Channels:
+def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
     """Read the channels of an LVM file with their units and rates.
 
     Where x stands in columns ("X_Columns" One or Multi), these are channels too, and the clocks of the others; else the
-    rate is that of ``Delta_X``. Dates and times in the header carry no zone, so there is no start. Channels without
-    samples are left out. Several segments of equal channels are rows of two-dimensional arrays; where they differ,
-    channels are named "segment/channel". ``RecordingFormatError`` if the file is damaged or cut off.
+    rate is that of ``Delta_X``, as it is of a channel of fewer samples beside one column of x. Dates and times in the
+    header carry no zone, so there is no start. Channels without samples are left out. Several segments of equal
+    channels are rows of two-dimensional arrays; where they differ, channels are named "segment/channel". ``layout`` may
+    say that rows are believed where a header states more samples than there are. ``RecordingFormatError`` if the file
+    is damaged or cut off.
     """
+    if layout is not None and layout != TextLayout(believe="rows"):
+        raise RecordingFormatError(f'{path.name}: expected only believe = "rows" in [text] of an LVM file')
     rows = Rows(path, _encoding(path))
-    header = _file_header(rows)
+    header = _file_header(rows, believe_rows=layout is not None)
     segments: list[tuple[Channel, ...]] = []
     while _skip_blank(rows):
         if len(segments) == _MOST_SEGMENTS:
@@ -92,7 +99,7 @@ def _encoding(path: Path) -> str:
     return "utf-8"
 
 
-def _file_header(rows: Rows) -> _FileHeader:
+def _file_header(rows: Rows, *, believe_rows: bool) -> _FileHeader:
     where, entries = rows.file_name, dict[str, str]()
     for line in _header_rows(rows):
         key, _, value = line.replace(",", "\t", 1).partition("\t") if "\t" not in line else line.partition("\t")
@@ -108,7 +115,7 @@ def _file_header(rows: Rows) -> _FileHeader:
     of_x = entries.get("X_Columns", "One").capitalize()
     if of_x not in ("No", "One", "Multi"):
         raise RecordingFormatError(f"{where}, X_Columns: expected No, One or Multi; got {of_x[:40]!r}")
-    return _FileHeader(_SEPARATORS[separator.lower()], decimal, of_x)
+    return _FileHeader(_SEPARATORS[separator.lower()], decimal, of_x, believe_rows)
 
 
 def _header_rows(rows: Rows) -> Iterator[str]:
@@ -187,7 +194,8 @@ def _column(stated: Mapping[str, list[str]], header: _FileHeader, names: list[st
         (number - 1 if header.stride == 2 else 0) if has_x else None,
         _whole(entry("Samples"), f"{where}, Samples") if entry("Samples") else None,
         entry("Y_Unit_Label") or None,
-        step if not has_x and entry("X_Dimension").lower() in ("time", "") else None,
+        step if entry("X_Dimension").lower() in ("time", "") else None,
+        header.believe_rows,
     )
 
 
@@ -229,26 +237,43 @@ def _channels(columns: Sequence[_Column], names: Sequence[str], table: Table, wh
         if stated == 0 and blank is not None and blank.all():
             continue
         samples = _held(table, column.number, f"{place}: expected a number")
-        if not samples.size or (stated is not None and samples.size < stated):
-            raise RecordingFormatError(
-                f"{place}: expected {stated or 'some'} samples as its header says; got {samples.size}: the file is "
-                "cut off"
-            )
         clock = column.clock
+        if not samples.size or (stated is not None and samples.size < stated and not column.believe_rows):
+            times = None if clock is None else _held(table, clock, f"{where}: expected x")
+            raise RecordingFormatError(
+                f"{place}: expected {stated or 'some'} samples as its header says; got {samples.size}"
+                f"{_why_fewer(column, samples.size, times)}"
+            )
         if clock is not None and clock not in clocks:
             times = _held(table, clock, f"{where}, {shown(names[clock])}: expected x")
             clocks[clock] = Channel(names[clock], times, "s")
             yield clocks[clock]
+        is_slow = samples.size == stated and column.step is not None
+        if clock is not None and clocks[clock].samples.size > samples.size and is_slow:
+            clock = None  # sampled more slowly than x: a record of its own
         if clock is not None and clocks[clock].samples.size != samples.size:
             raise RecordingFormatError(
                 f"{place}: expected a value for each x; got {samples.size} values and {clocks[clock].samples.size} x"
             )
         # more samples than stated: packets under one header, which does not say that none is missing between them
-        step = column.step if stated in (None, samples.size) else None
+        step = column.step if clock is None and stated in (None, samples.size) else None
         time = ChannelTime(clock=names[clock]) if clock is not None else ChannelTime()
         if step is not None:
             time = even_time(samples.size, 1.0 / step)
         yield Channel(column.name, samples, column.unit, time)
+
+
+def _why_fewer(column: _Column, n_samples: int, times: FloatArray | None) -> str:
+    """Say why there are fewer rows than the header states: the file was thinned where x covers what it states."""
+    if n_samples < 2 or times is None or column.step is None or column.n_samples is None:
+        return ": the file is cut off"
+    step = float(times[-1] - times[0]) / (times.size - 1)
+    if abs(step * n_samples - column.step * column.n_samples) > 2.0 * step:
+        return ": the file is cut off"
+    return (
+        f" every {step:.6g} s where it says {column.step:.6g} s: rows were left out when it was written; "
+        'believe = "rows" in [text] of the map takes the rows and their x'
+    )
 
 
 def _held(table: Table, column: int, expected: str) -> FloatArray:

@@ -9,7 +9,15 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import require_file, utf16_codec
 from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw.text.layout import DECIMALS, SEPARATORS, TextLayout, is_bracketed, time_columns
-from monitor_core.recordings.raw.text.table import MAX_COLUMNS, Rows, is_number, require_utf8, shown, split_cells
+from monitor_core.recordings.raw.text.table import (
+    MAX_COLUMNS,
+    Rows,
+    has_thousands,
+    is_number,
+    require_utf8,
+    shown,
+    split_cells,
+)
 
 _HEAD = 2**18
 _TAIL = 2**12
@@ -145,7 +153,10 @@ def _ways(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
 def _kinds(line: str, separator: str | None, decimal: str) -> str:
     """Return a letter for each cell: number, text, or blank."""
     cells = split_cells(line, separator)
-    return "".join("B" if not cell else "N" if is_number(cell, DECIMALS[decimal]) else "T" for cell in cells)
+    sign = DECIMALS[decimal]
+    return "".join(
+        "B" if not cell else "N" if is_number(cell, sign) or has_thousands(cell, sign) else "T" for cell in cells
+    )
 
 
 def _n_cells(line: str, separator: str | None) -> int:

@@ -32,6 +32,7 @@ _MOST_LISTED = 12
 #: Two kinds of signs, or one sign twice: 1.234,5 and 1,234.5 and 1.234.567.
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d*|(?:,\d{3})+\.\d*|(?:\.\d{3}){2,}|(?:,\d{3}){2,}"
                         r"|(?:['’\s]\d{3})+(?:[.,]\d*)?)", re.ASCII)  # fmt: skip
+_THOUSANDS_BY_POINTS = re.compile(rf"(?:{_THOUSANDS.pattern}|[+-]?\d{{1,3}}(?:\.\d{{3}})+)", re.ASCII)
 _DECIMAL_NAMES = {".": "point", ",": "comma"}
 
 
@@ -146,9 +147,10 @@ def is_number(text: str, decimal: str = ".") -> bool:
     return "_" not in text and text.isascii()
 
 
-def has_thousands(text: str) -> bool:
-    """Tell whether a cell is a number in which signs part the thousands."""
-    return _THOUSANDS.fullmatch(text.strip('"')) is not None
+def has_thousands(text: str, decimal: str = ".") -> bool:
+    """Tell whether a cell is a number in which signs part the thousands; where commas are decimal, points may."""
+    pattern = _THOUSANDS_BY_POINTS if decimal == "," else _THOUSANDS
+    return pattern.fullmatch(text.strip('"')) is not None
 
 
 def require_columns(line: str, separator: str | None, where: str) -> None:
@@ -346,7 +348,7 @@ class _TableReader:
         if is_number(cell, self._decimal or ".") or (not cell and (self._form.gaps or self._form.blanks)):
             return
         expected = f"expected a number with a decimal {_DECIMAL_NAMES.get(self._decimal, 'point')}"
-        if has_thousands(cell):
+        if has_thousands(cell, self._decimal):
             self._refuse(row, expected, f"got {cell[:40]!r}: export without thousands separators", column)
         of_gap = f"write nan for the missing number of row {row}" if not any(map(str.isdigit, cell)) else ""
         numbers = [cells[i] for i in self._numbers]
