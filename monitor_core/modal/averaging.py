@@ -148,7 +148,7 @@ def average_and_fit(
                 RejectionReason.NO_PEAK_IN_BAND,
                 f"no significant peak from {band[0]:g} to {band[1]:g} Hz in {kept.sum()} averages",
             )
-        fit = _fit_peak(spectra.of_windows(kept), candidate, maximum_modes)
+        fit = _fit_peak(spectra.of_windows(kept), candidate, maximum_modes, band)
         if isinstance(fit, Rejection):
             return fit
         residual, response = window_misfit(fit, spectra)
@@ -214,7 +214,9 @@ def strongest_peaks(candidates: Sequence[Candidate], cross: CrossSpectra, gate: 
     return []
 
 
-def _fit_peak(spectra: BandSpectra, candidate: Candidate, maximum_modes: int) -> ModeFit | Rejection:
+def _fit_peak(
+    spectra: BandSpectra, candidate: Candidate, maximum_modes: int, band: tuple[float, float]
+) -> ModeFit | Rejection:
     """Fit one or two modes; two within a half-power bandwidth are one peak, fitted as one, with a warning.
 
     From one measurement to the next it would be unclear which of the two is meant. Half of what the choice moves the
@@ -223,7 +225,11 @@ def _fit_peak(spectra: BandSpectra, candidate: Candidate, maximum_modes: int) ->
 
     def fit_up_to(n_modes: int) -> ModeFit | Rejection:
         return fit_modes(
-            spectra, frequency=candidate.frequency, damping_ratio=candidate.damping_ratio, maximum_modes=n_modes
+            spectra,
+            frequency=candidate.frequency,
+            damping_ratio=candidate.damping_ratio,
+            maximum_modes=n_modes,
+            band=band,
         )
 
     fit = fit_up_to(maximum_modes)

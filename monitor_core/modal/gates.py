@@ -21,7 +21,7 @@ class ModeGate:
     minimum_coherence: float = 0.5  # mean over the half-power band; refused below [-]
     warn_coherence: float = 0.8  # the same; a peak above it goes before a higher one below it [-]
     phase_tolerance: float = math.radians(25.0)  # of the residue about its calibrated phase [rad]
-    maximum_frequency_uncertainty: float = 0.5  # standard uncertainty [Hz]
+    maximum_frequency_uncertainty: float = 0.003  # standard uncertainty, of the frequency: 0.5 Hz at 170 Hz [-]
     ambiguity_ratio: float = 0.5  # two overlapping modes whose peaks are closer than that cannot be told apart [-]
     maximum_outlying_share: float = 0.25  # of the windows; with more, none is dropped [-]
 
@@ -111,7 +111,7 @@ def gate_readings(
         tolerance = math.degrees(gate.phase_tolerance)
         deviation = math.degrees(phase.deviation(mode))
         read.append(GateReading(RejectionReason.WRONG_PHASE, deviation, "°", -tolerance, tolerance))
-    uncertainty, most = mode.frequency.standard_uncertainty, gate.maximum_frequency_uncertainty
+    uncertainty, most = mode.frequency.standard_uncertainty, gate.maximum_frequency_uncertainty * mode.frequency.value
     read.append(GateReading(RejectionReason.UNCERTAIN_FREQUENCY, uncertainty, "Hz", upper=most))
     if len(modes) > 1 and (likeness := _likeness(modes[0], modes[1], band)) is not None:
         read.append(GateReading(RejectionReason.AMBIGUOUS_MODES, likeness, "", upper=gate.ambiguity_ratio))

@@ -26,7 +26,7 @@ from monitor_core.modal.channels import (
     rigid_line,
 )
 from monitor_core.modal.gates import GateReading, ModeGate, gate_readings, judge_fit, mode_coherence
-from monitor_core.modal.refine import ModeFit
+from monitor_core.modal.refine import LEAST_LINES, ModeFit
 from monitor_core.recording import (
     Conditions,
     ExcitationQuantity,
@@ -238,8 +238,8 @@ def _spectra_around(
     Returned are those that also reach down to the rigid-body line below the mode, and those without it.
     """
     # a fit that would reach farther, of a mode damped by more than 3 % on the upper edge, says so
-    margin = max(40.0, 0.25 * band[1])
     sample_rate = windows[0].sample_rate
+    margin = max(0.25 * band[1], LEAST_LINES * sample_rate / windows[0].n_samples)
     low, high = min(band[0] - margin, lines[0]), max(band[1] + margin, lines[1])
     around = (max(low, 0.0), min(high, 0.5 * sample_rate))
     if not 0.0 < band[0] < band[1] < 0.5 * sample_rate:

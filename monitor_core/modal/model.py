@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray
@@ -56,6 +57,11 @@ class FitLines:
         return FitLines(
             self.frequency, self.excitation * change, self.response * change, weight, self.n_samples, self.sample_rate
         )
+
+    def of_lines(self, kept: npt.NDArray[np.intp]) -> "FitLines":
+        """Return the lines with these indices, of all windows."""
+        x, y = self.excitation[:, kept], self.response[:, kept]
+        return FitLines(self.frequency[kept], x, y, self.weight[kept], self.n_samples, self.sample_rate)
 
     @property
     def n_windows(self) -> int:

@@ -72,7 +72,8 @@ def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
     candidates = np.where(_apart_from_modes(places, solution, lines.resolution), np.concatenate([power, between]), 0.0)
     best = int(np.argmax(candidates))
     distance = np.abs(f - places[best]) / lines.resolution
-    neighbours = power[(distance > 1.5) & (distance < 6.5)].mean()
+    # places are whole and half lines: limits between those are met alike however the frequencies are rounded
+    neighbours = power[(distance > 1.75) & (distance < 6.25)].mean()
     level = scipy.special.chdtri(2 * lines.n_windows, _FALSE_ALARM_PROBABILITY / places.size)
     significant = 2.0 * candidates[best] / solution.noise_variance > level
     return float(places[best]) if significant and candidates[best] > _LEAST_RISE * neighbours else None

@@ -64,6 +64,12 @@ def minimise(lines: FitLines, start: FloatArray, order: ModelOrder) -> Solution 
         return None
 
 
+def solution_at(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Solution:
+    """Return what :func:`minimise` would, were its optimum at these parameters."""
+    projection = project(lines, parameters, order)
+    return Solution(order, parameters, projection, _normal_equations(projection)[0], degrees_of_freedom(lines, order))
+
+
 def _descend(lines: FitLines, start: FloatArray, order: ModelOrder, dof: int) -> Solution | None:
     parameters = _clip(start, lines, order)
     current = project(lines, parameters, order)

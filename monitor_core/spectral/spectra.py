@@ -72,6 +72,9 @@ SpectrumArray = npt.NDArray[np.complex64] | npt.NDArray[np.complex128]
 Taper = Literal["hann", "rectangular"]
 TAPERS: tuple[Taper, ...] = ("hann", "rectangular")
 
+#: Of a line: a band edge meant to lie on a line must not miss it by rounding.
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BandSpectra:
@@ -110,7 +113,8 @@ class BandSpectra:
 
     def within(self, low: float, high: float) -> "BandSpectra":
         """Return the lines from ``low`` to ``high`` in hertz, both included."""
-        start, stop = np.searchsorted(self.frequency, [low, np.nextafter(high, np.inf)])
+        slack = _ROUNDING * self.resolution
+        start, stop = np.searchsorted(self.frequency, [low - slack, high + slack])
         lines = slice(int(start), int(stop))
         return BandSpectra(
             self.frequency[lines], self.excitation[:, lines], self.response[:, lines], self.n_samples, self.sample_rate
@@ -198,9 +202,8 @@ def band_spectra(
 
 def _lines_around(low: float, high: float, resolution: float, n_samples: int) -> tuple[int, int]:
     """Return the numbers of the first and the last line of a band with one more on either side."""
-    # 1e-9 of a line: a band edge meant to lie on a line must not miss it by rounding.
-    first = max(int(np.ceil(low / resolution - 1e-9)) - 1, 0)
-    return first, min(int(np.floor(high / resolution + 1e-9)) + 1, n_samples // 2)
+    first = max(int(np.ceil(low / resolution - _ROUNDING)) - 1, 0)
+    return first, min(int(np.floor(high / resolution + _ROUNDING)) + 1, n_samples // 2)
 
 
 def _hann(lines: SpectrumArray) -> SpectrumArray:

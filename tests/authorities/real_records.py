@@ -70,7 +70,7 @@ def shock_frequency_track(measured_data: Path) -> ShockTrack:
             windows[number] = window
     shocks = list(windows)
     first = [windows[number] for number in shocks[:BASELINE_SHOCKS]]
-    baseline = measure_mode(first, band=SHOCK_BAND, gate=ModeGate(maximum_frequency_uncertainty=10.0))
+    baseline = measure_mode(first, band=SHOCK_BAND, gate=ModeGate(maximum_frequency_uncertainty=0.01))
     if isinstance(baseline, Rejection):
         raise AssertionError(f"no mode in the first shocks: {baseline.detail}")
 

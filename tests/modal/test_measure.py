@@ -174,7 +174,7 @@ def test_low_coherence_is_refused_and_middling_coherence_warned_about():
 
 
 def test_frequency_that_is_not_known_well_enough():
-    gate = ModeGate(maximum_frequency_uncertainty=1e-4)
+    gate = ModeGate(maximum_frequency_uncertainty=1e-6)
     assert_refused(windows_of(), RejectionReason.UNCERTAIN_FREQUENCY, gate=gate)
 
 

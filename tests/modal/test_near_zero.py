@@ -33,8 +33,8 @@ def windows_of(modes, rate, n_samples, *, seed=0, noise=0.01):
     return tuple(Window(x, y, rate, START, Conditions(0.3), "a") for x, y in zip(*cut, strict=True))
 
 
-def measured(modes, rate, n_samples, band, seed=0):
-    return measure_mode(windows_of(modes, rate, n_samples, seed=seed), band=band, gate=ModeGate())
+def measured(modes, rate, n_samples, band, *, seed=0, gate=None):
+    return measure_mode(windows_of(modes, rate, n_samples, seed=seed), band=band, gate=gate or ModeGate())
 
 
 def assert_right_or_refused(answer, modes):
@@ -83,19 +83,19 @@ def test_every_mode_from_two_lines_to_two_fifths_of_nyquist_is_right_or_refused(
 
 def test_the_line_at_0_hz_is_no_datum_of_a_fit():
     # it was set to zero with the mean of each window: a fit that takes it for measured is drawn towards zero there
-    windows = windows_of([(7.0, 0.1, 1.0)], 500.0, 1000)
+    windows = windows_of([(7.0, 0.13, 1.0)], 500.0, 1000)
     spectra = band_spectra(*(np.array([getattr(w, n) for w in windows]) for n in ("excitation", "response")),
                            500.0, (0.0, 100.0))  # fmt: skip
     assert spectra.frequency[0] == 0.0
-    fit = fit_modes(spectra, frequency=7.0, damping_ratio=0.1)
+    fit = fit_modes(spectra, frequency=7.0, damping_ratio=0.13)
     assert not isinstance(fit, Rejection)
     assert fit.band[0] == spectra.resolution
 
 
 def test_a_second_mode_that_cannot_be_told_near_0_hz_widens_the_uncertainty():
     modes = [(3.0, 0.14, 1.0), (4.5, 0.14, -0.8)]
-    answer = measured(modes, 1000.0, 1000, (1.8, 9.6))
-    assert isinstance(answer, ModalMeasurement | Rejection)
+    answer = measured(modes, 1000.0, 1000, (1.8, 9.6), gate=ModeGate(maximum_frequency_uncertainty=1.0))
+    assert isinstance(answer, ModalMeasurement), answer
     assert_right_or_refused(answer, modes)
-    if isinstance(answer, ModalMeasurement) and answer.n_modes == 1:
+    if answer.n_modes == 1:
         assert any("the lines end at 0 Hz" in warning for warning in answer.warnings)

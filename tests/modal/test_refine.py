@@ -25,8 +25,8 @@ SNRS_DB = (10, 20, 30, 40)
 
 
 def half_width(damping):
-    """Half the fit band: 20 Hz, or four half-power bandwidths."""
-    return max(20.0, 8.0 * damping * FREQUENCY)
+    """Half the fit band: a tenth of the frequency, or four half-power bandwidths."""
+    return max(0.1, 8.0 * damping) * FREQUENCY
 
 
 def peak_bin(spectra):

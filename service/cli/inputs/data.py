@@ -78,7 +78,8 @@ band_option = click.option(
     nargs=2,
     type=click.FloatRange(min=0, min_open=True),
     metavar="LOW HIGH",
-    help="Where the axial mode is looked for; without it nearly everywhere below 0.4 of the sampling rate.",
+    help="Where the axial mode is looked for, and what a fit keeps to; without it nearly everywhere below 0.4 of the "
+    "sampling rate.",
 )
 
 Imported: TypeAlias = "ImportedSession | ImportedMotion | ImportedFrfSet"

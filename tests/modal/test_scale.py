@@ -1,0 +1,77 @@
+"""A law that needs no truth: samples said to be taken at another rate have the same modes, in shares of that rate."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from monitor_core.modal import ModeGate, measure_modes
+from monitor_core.pipeline import AxisSettings, check_window, judge_measurement
+from monitor_core.recording import Rejection, RejectionReason
+from tests.modal.test_near_zero import windows_of
+
+RATE = 1000.0
+#: Modes (frequency [Hz], damping ratio, gain), samples of a window, noise of the response, and search band [Hz].
+CASES = {
+    "an axis": ([(180.0, 0.02, 1.0)], 1000, 0.01, (140.3, 230.3)),
+    "damped weakly, in long windows": ([(180.0, 0.003, 1.0)], 4000, 0.01, (140.3, 230.3)),
+    "damped weakly, in a narrow band": ([(180.0, 0.003, 1.0), (192.0, 0.003, 1.0)], 8000, 0.01, (173.3, 186.3)),
+    "a neighbour close by": ([(175.0, 0.01, 1.0), (182.0, 0.01, 0.3)], 2000, 0.01, (150.3, 200.3)),
+    "a neighbour as high": ([(175.0, 0.01, 1.0), (179.0, 0.01, 0.9)], 2000, 0.01, (150.3, 200.3)),
+    "a few lines above zero": ([(7.0, 0.05, 1.0)], 2000, 0.01, (2.3, 60.3)),
+    "so damped that the lines end at zero": ([(5.0, 0.14, 1.0), (7.5, 0.14, -0.8)], 1000, 0.01, (2.3, 15.3)),
+    "anywhere": ([(120.0, 0.02, 1.0)], 1000, 0.01, None),
+    "known badly": ([(180.0, 0.1, 1.0)], 500, 1.5, (140.3, 230.3)),
+    "noise alone": ([(180.0, 0.02, 1.0)], 1000, 1e3, (140.3, 230.3)),
+    "beyond half the rate": ([(180.0, 0.02, 1.0)], 1000, 0.01, (140.3, 530.3)),
+}
+
+
+@cache
+def answers(name, factor):
+    """Judge windows whose rate is said to be ``factor`` times what it was; frequencies in shares of the rate."""
+    modes, n_samples, noise, band = CASES[name]
+    rate = factor * RATE
+    windows = [replace(w, sample_rate=rate) for w in windows_of(modes, RATE, n_samples, noise=noise)]
+    settings = AxisSettings(search_band=band and (factor * band[0], factor * band[1]))
+    if (refusal := check_window(windows[0], settings, None)) is not None:
+        return [refusal.reason]
+    measured = [judge_measurement(windows, settings, None).modal]
+    if band is not None:
+        measured += measure_modes(windows, band=settings.search_band, gate=ModeGate(), n_modes=2)
+    return [m.reason if isinstance(m, Rejection) else numbers(m, rate) for m in measured]
+
+
+def numbers(modal, rate):
+    frequency, damping = modal.mode.frequency, modal.mode.damping_ratio
+    return [
+        frequency.value / rate, frequency.standard_uncertainty / rate, damping.value, damping.standard_uncertainty,
+        modal.coherence, modal.n_modes, len(modal.tones), len(modal.refused_windows), len(modal.warnings),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("factor", [0.01, 0.3, 10.0])
+def test_the_same_samples_at_another_rate_have_the_same_modes_and_the_same_refusals(factor):
+    differing = {}
+    for name in CASES:
+        for here, there in zip(answers(name, 1.0), answers(name, factor), strict=True):
+            if isinstance(here, RejectionReason) or isinstance(there, RejectionReason):
+                alike = here is there
+            else:
+                alike = np.allclose(here, there, rtol=1e-4, atol=0.0) and abs(here[0] - there[0]) < 1e-3 * here[1]
+            if not alike:
+                differing.setdefault(name, []).append((here, there))
+    assert not differing, differing
+
+
+def test_the_cases_are_measured_and_refused_each_for_its_reason():
+    first = {name: answers(name, 1.0)[0] for name in CASES}
+    refused = {name: answer for name, answer in first.items() if isinstance(answer, RejectionReason)}
+    assert refused == {
+        "a neighbour as high": RejectionReason.AMBIGUOUS_MODES,
+        "so damped that the lines end at zero": RejectionReason.UNCERTAIN_FREQUENCY,
+        "known badly": RejectionReason.UNCERTAIN_FREQUENCY,
+        "noise alone": RejectionReason.NO_PEAK_IN_BAND,
+        "beyond half the rate": RejectionReason.SAMPLE_RATE_MISMATCH,
+    }
