@@ -1,8 +1,9 @@
 """Records of what was measured: windows, sessions, their conditions, and motions of a rigid axis (ISO 13374: DA)."""
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
 from enum import StrEnum
 
 import numpy as np
@@ -110,7 +111,7 @@ class Window:
     sample_rate: float  # [Hz]
     started_at: datetime  # with a time zone
     conditions: Conditions
-    measurement: str  # windows that share it are averaged together
+    measurement: str  # its name; which windows of one name are averaged together says measurements_of
     excitation_quantity: ExcitationQuantity = ExcitationQuantity.TORQUE
     excitation_source: ExcitationSource = ExcitationSource.SENSOR
     direction: Direction = Direction.BOTH
@@ -148,6 +149,105 @@ class Window:
         """Number of samples in each channel."""
         return int(self.excitation.size)
 
+    @property
+    def ended_at(self) -> datetime:
+        """When its last sample ended."""
+        return self.started_at + timedelta(seconds=self.n_samples / self.sample_rate)
+
+    @property
+    def placed(self) -> "Placed":
+        """What tells which measurement it is of."""
+        conditions = self.conditions
+        return Placed(self.measurement, self.started_at, self.ended_at, conditions.position, conditions.preload)
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """What tells which measurement a window is of."""
+
+    name: str  # of the measurement
+    started_at: datetime
+    ended_at: datetime
+    position: float  # [m]
+    preload: float | None  # only where it was set on purpose [N]
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """How far windows of one measurement may be apart."""
+
+    pause: timedelta = timedelta(minutes=10)  # from the end of a window to the start of the next
+    span: float = 0.020  # between positions [m]
+
+
+#: A sender that never pauses begins another measurement after so long: what came hours later is another state.
+LONGEST_MEASUREMENT = timedelta(hours=12)
+#: Preloads that were set on purpose and differ by more are two settings; readings of a load cell scatter by less.
+_OTHER_SETTING = 0.05
+_ROUNDING = 1e-9  # of positions that were millimetres [m]
+
+
+def measurements_of(windows: Iterable[Placed], visit: Visit = Visit()) -> list[list[Placed]]:
+    """Tell which windows make one measurement: a name is not enough, senders use one again and again.
+
+    A measurement is the windows of one name that follow each other in their own time, with no longer pause than
+    ``visit.pause``, at one place and one preload that was set. A window farther away begins another measurement of the
+    same name, and so does one at a place that was left and is come back to.
+
+    Parameters
+    ----------
+    windows : iterable of Placed
+        In any order: what they make does not depend on it.
+    visit : Visit
+        How far they may be apart.
+
+    Returns
+    -------
+    list of list of Placed
+        The windows of each measurement in the order of their time; measurements in that of their first windows.
+    """
+    going_on: dict[str, list[Placed]] = {}
+    found: list[list[Placed]] = []
+    for window in sorted(windows, key=lambda window: window.started_at):
+        windows_of_it = going_on.get(window.name)
+        if windows_of_it is None or _begins_another(windows_of_it, window, visit):
+            windows_of_it = going_on[window.name] = []
+            found.append(windows_of_it)
+        windows_of_it.append(window)
+    return found
+
+
+def _begins_another(measurement: list[Placed], window: Placed, visit: Visit) -> bool:
+    first, before = measurement[0], measurement[-1]
+    if window.started_at - before.ended_at > visit.pause or window.started_at - first.started_at > LONGEST_MEASUREMENT:
+        return True
+    if abs(window.position - first.position) > visit.span + _ROUNDING:
+        return True
+    if window.preload is None or first.preload is None:
+        return False
+    return abs(window.preload - first.preload) > _OTHER_SETTING * max(window.preload, first.preload)
+
+
+def told_apart(windows: Mapping[str, Placed]) -> dict[str, tuple[str, ...]]:
+    """Return the measurements of a session: the keys of their windows, by name.
+
+    A name that several measurements have is followed by the start of each; ``windows``: by any key, in time order.
+    """
+    keys: dict[int, str] = {id(window): key for key, window in windows.items()}
+    measured = measurements_of(windows.values())
+    repeated: dict[str, int] = {}
+    for members in measured:
+        repeated[members[0].name] = repeated.get(members[0].name, 0) + 1
+    named: dict[str, tuple[str, ...]] = {}
+    for members in measured:
+        name = members[0].name
+        if repeated[name] > 1:
+            name = f"{name} ({members[0].started_at.isoformat()})"
+        while name in named:  # two that start at one moment, or another that is called so
+            name += "'"
+        named[name] = tuple(keys[id(window)] for window in members)
+    return named
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
@@ -157,14 +257,20 @@ class Session:
     windows: tuple[Window, ...]
     description: str = ""
     created: datetime | None = None
-    measurements: tuple[str, ...] = field(init=False)  # names, in order of first appearance
+    _members: Mapping[str, tuple[str, ...]] = field(init=False, repr=False)  # numbers of windows, by measurement
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "measurements", tuple(dict.fromkeys(w.measurement for w in self.windows)))
+        numbered = {str(number): window.placed for number, window in enumerate(self.windows)}
+        object.__setattr__(self, "_members", told_apart(numbered))
+
+    @property
+    def measurements(self) -> tuple[str, ...]:
+        """Names, in order of first appearance; one that is repeated with the start of each measurement."""
+        return tuple(self._members)
 
     def windows_of(self, measurement: str) -> tuple[Window, ...]:
         """Return the windows of one measurement, in time order."""
-        return tuple(w for w in self.windows if w.measurement == measurement)
+        return tuple(self.windows[int(number)] for number in self._members.get(measurement, ()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -114,7 +114,7 @@ def _look_at_session(name: str, path: Path) -> FileReport:
     with open_session(path, compared=True) as reader:
         for window in reader.measurement_of:
             try:
-                gathered.add(reader.window(window))
+                gathered.add(reader.window(window), reader.measurement_of[window])
             except RecordingFormatError as error:
                 problems.append(str(error))
                 if len(problems) > _MOST_PROBLEMS:
@@ -146,11 +146,11 @@ class _Gathered:
     settings: dict[str, tuple[float, float | None]] = field(default_factory=dict)  # of each measurement
     starts: list[datetime] = field(default_factory=list)
 
-    def add(self, window: Window) -> None:
+    def add(self, window: Window, measurement: str) -> None:
         for channel in _channels_of(window):
             self.channels.setdefault(channel.name, []).append(inspection.summary_of(channel))
         conditions = window.conditions
-        self.settings.setdefault(window.measurement, (to_millimetres(conditions.position), conditions.preload))
+        self.settings.setdefault(measurement, (to_millimetres(conditions.position), conditions.preload))
         self.starts.append(window.started_at)
 
     def as_settings(self) -> Settings:

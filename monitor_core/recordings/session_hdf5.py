@@ -7,8 +7,8 @@ known here are left alone. A window without ``measurement`` is a measurement of 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,17 @@ import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
+from monitor_core.recording import (
+    Conditions,
+    Direction,
+    ExcitationQuantity,
+    ExcitationSource,
+    Placed,
+    Session,
+    Visit,
+    Window,
+    told_apart,
+)
 from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.fields import Fields, format_instant
 from monitor_core.recordings.elements.files import naming, refusing, samples_at
@@ -48,8 +58,8 @@ _WINDOW_ATTRIBUTES = frozenset((
     "response_unit", "position_mm", "position_span_mm", "direction", "payload_kg", "temperature_c",
     "preload_n",
 ))  # fmt: skip
-#: What the frame of a session says of each window; the others are read with its samples.
-_FRAME_ATTRIBUTES = frozenset(("started_at", "measurement"))
+#: What the frame of a session says of each window: which measurement it is of; the others are read with its samples.
+_FRAME_ATTRIBUTES = frozenset(("started_at", "measurement", "position_mm", "preload_n"))
 _CHANNELS = ("excitation", "response", "position")
 _SAMPLES = ("float32", "float64")
 
@@ -61,8 +71,9 @@ class SessionReader:
     axis_id: str
     description: str
     created: datetime | None
-    measurement_of: Mapping[str, str]  # window's group name → its measurement, in time order
-    _names_of: Mapping[str, tuple[str, ...]]  # measurement → group names of its windows, in time order
+    measurement_of: Mapping[str, str]  # window's group name → its measurement, told apart, in time order
+    _called: Mapping[str, str]  # window's group name → what its measurement is called
+    _names_of: Mapping[str, tuple[str, ...]]  # measurement, told apart → group names of its windows, in time order
     _starts: Mapping[str, datetime]  # by the names of the groups
     _windows: "h5py.Group"
     _raw: BinaryIO  # the same file
@@ -72,7 +83,7 @@ class SessionReader:
 
     @property
     def measurements(self) -> tuple[str, ...]:
-        """Names of the measurements, in order of first appearance."""
+        """Names, in order of first appearance; one that is repeated with the start of each measurement."""
         return tuple(self._names_of)
 
     def length(self, name: str) -> int:
@@ -89,7 +100,7 @@ class SessionReader:
         """Read one window by the name of its group."""
         where = f"{self._where} /windows/{name}"
         with refusing(where, "a readable window"):
-            frame = self._starts[name], self.measurement_of[name]
+            frame = self._starts[name], self._called[name]
             if self._index is not None and not self._compared:
                 return _window(self._index.fields(name, where), _indexed_samples(self._index, name, where), *frame)
             group = self._group(name)
@@ -179,18 +190,17 @@ def _session_reader(file: "h5py.File", raw: BinaryIO, where: str, *, compared: b
         for name, fields in stated.items():
             _require_same(fields, by_group[name], _FRAME_ATTRIBUTES)
         stated = by_group
-    measurement_of = {
-        name: fields.text("measurement") if "measurement" in fields else name for name, fields in stated.items()
-    }
+    called = {name: fields.text("measurement") if "measurement" in fields else name for name, fields in stated.items()}
     starts = {name: fields.instant("started_at") for name, fields in stated.items()}
     axis_id = root.text("axis_id")
     _require_content(axis_id, list(starts.values()), where)
-    return SessionReader(
+    reader = SessionReader(
         axis_id=axis_id,
         description=root.text("description") if root.values.get("description") else "",
         created=root.instant("created") if "created" in root else None,
-        measurement_of=measurement_of,
-        _names_of=_names_by_measurement(measurement_of),
+        measurement_of=called,
+        _called=called,
+        _names_of={},
         _starts=starts,
         _windows=windows.folder,
         _raw=raw,
@@ -198,14 +208,31 @@ def _session_reader(file: "h5py.File", raw: BinaryIO, where: str, *, compared: b
         _index=index,
         _compared=compared,
     )
+    names_of = told_apart(_placed(reader, stated))
+    measurement_of = {name: measurement for measurement, names in names_of.items() for name in names}
+    return replace(reader, measurement_of={name: measurement_of[name] for name in called}, _names_of=names_of)
 
 
-def _names_by_measurement(measurement_of: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    """Turn the table round, once: a search for each measurement grows with the square of the session."""
-    names: dict[str, list[str]] = {}
-    for name, measurement in measurement_of.items():
-        names.setdefault(measurement, []).append(name)
-    return {measurement: tuple(of_it) for measurement, of_it in names.items()}
+def _placed(reader: SessionReader, stated: Mapping[str, Fields]) -> dict[str, Placed]:
+    """Say of each window what tells its measurement; how long it is only where a pause may end that."""
+    placed = dict[str, Placed]()
+    last = dict[str, str]()  # window of each name, so far
+    for window, fields in stated.items():
+        name, start = reader.measurement_of[window], fields.instant("started_at")
+        before = last.get(name)
+        if before is not None and start - placed[before].ended_at > Visit().pause:
+            with suppress(RecordingFormatError):  # who reads it is told
+                placed[before] = replace(placed[before], ended_at=reader.window(before).ended_at)
+        position, preload = (_number_or_none(fields, entry) for entry in ("position_mm", "preload_n"))
+        placed[window] = Placed(name, start, start, metres(position or 0.0), preload)
+        last[name] = window
+    return placed
+
+
+def _number_or_none(fields: Fields, entry: str) -> float | None:
+    with suppress(RecordingFormatError):
+        return fields.optional_number(entry, "")
+    return None
 
 
 def _require_content(axis_id: str, starts: list[datetime], where: str) -> None:

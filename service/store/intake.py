@@ -11,10 +11,20 @@ from datetime import datetime
 from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 from sqlalchemy.orm.exc import StaleDataError
 
-from monitor_core.recording import Rejection
+from monitor_core.recording import Placed, Rejection, RejectionReason
+from monitor_core.recordings.elements.units import metres
 from service.json_types import JsonObject
 from service.store.axes import no_axis
-from service.store.tables import AxisRow, CountsByReason, MeasurementDocumentRow, MeasurementRow, WindowRow
+from service.store.tables import (
+    AlarmRow,
+    AxisRow,
+    CountsByReason,
+    MeasurementDocumentRow,
+    MeasurementRow,
+    PinRow,
+    RejudgedRow,
+    WindowRow,
+)
 
 #: Life of a measurement: windows arrive → looked at.
 OPEN, JUDGED, REFUSED = "open", "judged", "refused"
@@ -62,6 +72,7 @@ class MeasurementRecord:
     axis_id: str
     name: str
     started_at: datetime
+    ended_at: datetime
     position_mm: float
     set_preload_n: float | None
     closes_at: datetime | None
@@ -86,6 +97,17 @@ class WindowRecord:
     index_in_frame: int
     refusal_reason: str | None
     refusal_detail: str | None
+    ended_at: datetime
+    position_mm: float
+    set_preload_n: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class StoredMember:
+    """A stored window of a measurement, and whether it is averaged there."""
+
+    placed: Placed
+    accepted: bool
 
 
 _AXES, _MEASUREMENTS, _WINDOWS, _DOCUMENTS = (
@@ -102,13 +124,40 @@ _AXIS = (
     ).where(_AXES.c.id == bindparam("axis_id"))
 )  # fmt: skip
 _MEASUREMENT = [_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__]
-_NAMED_MEASUREMENT = select(*_MEASUREMENT).where(
-    _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.name == bindparam("name")
+_NAMED_MEASUREMENTS = (
+    select(*_MEASUREMENT)
+    .where(
+        _MEASUREMENTS.c.axis_id == bindparam("axis_id"),
+        _MEASUREMENTS.c.name == bindparam("name"),
+        _MEASUREMENTS.c.ended_at >= bindparam("since", type_=_MEASUREMENTS.c.ended_at.type),
+        _MEASUREMENTS.c.started_at <= bindparam("until", type_=_MEASUREMENTS.c.started_at.type),
+    )
+    .order_by(_MEASUREMENTS.c.started_at, _MEASUREMENTS.c.id)
 )
-_OVERDUE = select(_MEASUREMENTS.c.axis_id, _MEASUREMENTS.c.name).where(
+_NUMBERED_MEASUREMENTS = select(*_MEASUREMENT).where(
+    _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.id.in_(bindparam("numbers", expanding=True))
+)
+#: Of these nothing tells the measurement that they are of: what their clock says is wrong, or it was not to be changed,
+#: or an older program saw them elsewhere.
+_APART = (RejectionReason.CLOCK_AHEAD, RejectionReason.TOO_LATE, RejectionReason.POSITION_MISMATCH)
+_MEMBERS = (
+    select(
+        _WINDOWS.c.started_at,
+        func.coalesce(_WINDOWS.c.ended_at, _WINDOWS.c.started_at),
+        _WINDOWS.c.position_mm,
+        _WINDOWS.c.set_preload_n,
+        _WINDOWS.c.refusal_reason.is_(None),
+    )
+    .where(
+        _WINDOWS.c.measurement_id == bindparam("measurement_id"),
+        func.coalesce(_WINDOWS.c.refusal_reason, "").not_in([str(reason) for reason in _APART]),
+    )
+    .order_by(_WINDOWS.c.started_at)
+)
+_OVERDUE = select(_MEASUREMENTS.c.axis_id, _MEASUREMENTS.c.id).where(
     _MEASUREMENTS.c.status == OPEN, _MEASUREMENTS.c.closes_at <= bindparam("at", type_=_MEASUREMENTS.c.closes_at.type)
 )
-_CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
+_CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256, _WINDOWS.c.measurement_id).where(
     _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("starts", expanding=True))
 )
 _NEW_MEASUREMENT = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id)
@@ -117,9 +166,11 @@ _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
     update(table).where(table.c.id == bindparam("_id"), table.c.revision == bindparam("_seen"))
     for table in (_AXES, _MEASUREMENTS)
 )
-_CHANGED = ("started_at", "position_mm", "set_preload_n", "closes_at", "status", "n_accepted", "calibration_id")
+_CHANGED = (
+    "started_at", "ended_at", "position_mm", "set_preload_n", "closes_at", "status", "n_accepted", "calibration_id",
+)  # fmt: skip
 #: What a window that is taken into a measurement changes of it: an index is written for each column that is set.
-_ADMITTED = ("started_at", "closes_at", "n_accepted")
+_ADMITTED = ("started_at", "ended_at", "position_mm", "set_preload_n", "closes_at", "n_accepted")
 _FORGET_DOCUMENT = delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == bindparam("_id"))
 _NEW_DOCUMENT = insert(_DOCUMENTS)
 
@@ -132,15 +183,38 @@ def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
     return AxisRecord(*row)
 
 
-def read_measurements(connection: Connection, axis_id: str, names: Iterable[str]) -> dict[str, MeasurementRecord]:
-    """Return the measurements of an axis that have these names, by name."""
-    by_name = (connection.execute(_NAMED_MEASUREMENT, {"axis_id": axis_id, "name": name}) for name in names)
-    return {row[1]: MeasurementRecord(*row) for rows in by_name for row in rows}
+def measurements_called(
+    connection: Connection, axis_id: str, name: str, since: datetime, until: datetime
+) -> list[MeasurementRecord]:
+    """Return the measurements of one name that lie between two moments, or reach there, in time order."""
+    span = {"axis_id": axis_id, "name": name, "since": since, "until": until}
+    return [MeasurementRecord(*row) for row in connection.execute(_NAMED_MEASUREMENTS, span)]
 
 
-def overdue(connection: Connection, at: datetime) -> list[tuple[str, str]]:
-    """Return axis and name of the open measurements that no window came for until they were to close."""
-    return [(axis_id, name) for axis_id, name in connection.execute(_OVERDUE, {"at": at})]
+def measurements_numbered(connection: Connection, axis_id: str, numbers: Collection[int]) -> list[MeasurementRecord]:
+    """Return those of some measurements that the axis has."""
+    if not numbers:
+        return []
+    rows = connection.execute(_NUMBERED_MEASUREMENTS, {"axis_id": axis_id, "numbers": list(numbers)})
+    return [MeasurementRecord(*row) for row in rows]
+
+
+def members_of(connection: Connection, measurement: MeasurementRecord) -> list[StoredMember]:
+    """Return the windows that tell what a measurement is made of, in time order."""
+    members = []
+    for start, end, position_mm, set_preload_n, accepted in connection.execute(
+        _MEMBERS, {"measurement_id": measurement.id}
+    ):
+        of_measurement = measurement.position_mm, measurement.set_preload_n
+        where, preload = of_measurement if position_mm is None else (position_mm, set_preload_n)
+        placed = Placed(measurement.name, start, end, metres(where), preload)
+        members.append(StoredMember(placed, bool(accepted)))
+    return members
+
+
+def overdue(connection: Connection, at: datetime) -> list[tuple[str, int]]:
+    """Return axis and number of the open measurements that no window came for until they were to close."""
+    return [(axis_id, number) for axis_id, number in connection.execute(_OVERDUE, {"at": at})]
 
 
 def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
@@ -149,12 +223,14 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     return ChartsRecord(*row)
 
 
-def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[datetime]) -> dict[datetime, str]:
-    """Return the hashes of the stored windows of an axis that started at these moments, by their start."""
+def contents_at(
+    connection: Connection, axis: AxisRecord, starts: Collection[datetime]
+) -> dict[datetime, tuple[str, int]]:
+    """Return hash and measurement of the stored windows of an axis that started at these moments, by their start."""
     if axis.newest_window_at is None or not starts or min(starts) > axis.newest_window_at:
         return {}  # as it should be: windows arrive in order
     rows = connection.execute(_CONTENTS, {"axis_id": axis.id, "starts": list(starts)})
-    return {row.started_at: row.content_sha256 for row in rows}
+    return {row.started_at: (row.content_sha256, row.measurement_id) for row in rows}
 
 
 def outcomes_of(connection: Connection, measurement_ids: Collection[int]) -> dict[int, JsonObject]:
@@ -180,6 +256,25 @@ def refuse_windows(connection: Connection, measurement_id: int, refusals: Mappin
             .where(_WINDOWS.c.measurement_id == measurement_id, _WINDOWS.c.started_at == started_at)
             .values(refusal_reason=reason, refusal_detail=detail)
         )
+
+
+def move_window(connection: Connection, axis_id: str, started_at: datetime, measurement_id: int) -> None:
+    """Let a window be of another measurement."""
+    moved = update(_WINDOWS).where(_WINDOWS.c.axis_id == axis_id, _WINDOWS.c.started_at == started_at)
+    connection.execute(moved.values(measurement_id=measurement_id))
+
+
+def join_measurement(connection: Connection, gone: MeasurementRecord, into: int) -> None:
+    """Remove a measurement whose windows are of another one now; what is left of it goes there."""
+    connection.execute(delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == gone.id))
+    connection.execute(delete(RejudgedRow).where(RejudgedRow.measurement_id == gone.id))
+    pinned = connection.scalar(select(PinRow.id).where(PinRow.measurement_id == into))
+    if pinned is not None:
+        connection.execute(delete(PinRow).where(PinRow.measurement_id == gone.id))
+    for row in (WindowRow, PinRow, AlarmRow):
+        connection.execute(update(row).where(row.measurement_id == gone.id).values(measurement_id=into))
+    removed = delete(_MEASUREMENTS).where(_MEASUREMENTS.c.id == gone.id, _MEASUREMENTS.c.revision == gone.revision)
+    _expect_one(gone, connection.execute(removed).rowcount)
 
 
 def save_measurement(connection: Connection, measurement: MeasurementRecord, judged_at: datetime | None = None) -> None:

@@ -1,13 +1,12 @@
 """Query measurements and their windows."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, Select, bindparam, func, or_, select, text
+from sqlalchemy import Connection, Select, bindparam, func, select, text
 from sqlalchemy.orm import Session
 
-from monitor_core.recording import RejectionReason
 from service.json_types import JsonObject
 from service.store.intake import JUDGED, REFUSED
 from service.store.lookup import existing_of
@@ -17,12 +16,14 @@ from service.store.trend.shown import points_at
 from service.store.waveforms import WaveformPlace
 
 #: Built once: to build it takes longer than to run it.
-_MEMBERS = (
-    select(*PLACE, WindowRow.refusal_reason.is_(None))
-    .where(
-        WindowRow.measurement_id == bindparam("measurement_id"),
-        or_(WindowRow.refusal_reason.is_(None), WindowRow.refusal_reason == str(RejectionReason.POSITION_MISMATCH)),
-    )
+_ACCEPTED = (
+    select(*PLACE)
+    .where(WindowRow.measurement_id == bindparam("measurement_id"), WindowRow.refusal_reason.is_(None))
+    .order_by(WindowRow.started_at)
+)
+_AT = (
+    select(*PLACE, WindowRow.measurement_id)
+    .where(WindowRow.axis_id == bindparam("axis_id"), WindowRow.started_at.in_(bindparam("starts", expanding=True)))
     .order_by(WindowRow.started_at)
 )
 
@@ -40,19 +41,19 @@ def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
 
 def accepted_places(connection: Session | Connection, measurement_id: int) -> list[WaveformPlace]:
     """Tell where the accepted windows of a measurement lie, in time order; raises LetGoError if they were let go."""
-    return [place for place, accepted in member_places(connection, measurement_id) if accepted]
-
-
-def member_places(connection: Session | Connection, measurement_id: int) -> list[tuple[WaveformPlace, bool]]:
-    """Tell where the windows of a measurement lie that are accepted, or would be if it stood elsewhere; and which are.
-
-    In time order. Raises LetGoError if their waveforms were let go.
-    """
-    rows = connection.execute(_MEMBERS, {"measurement_id": measurement_id})
-    members = [(WaveformPlace(*row[:4]), bool(row[4])) for row in rows]
-    if any(not place.path for place, _ in members):
+    rows = connection.execute(_ACCEPTED, {"measurement_id": measurement_id})
+    places = [WaveformPlace(*row) for row in rows]
+    if any(not place.path for place in places):
         require_stored(connection, [measurement_id])
-    return members
+    return places
+
+
+def places_at(connection: Connection, axis_id: str, starts: Collection[datetime]) -> list[WaveformPlace]:
+    """Tell where stored windows of an axis lie, in time order; raises LetGoError if they were let go."""
+    rows = connection.execute(_AT, {"axis_id": axis_id, "starts": list(starts)}).all()
+    if gone := {row[4] for row in rows if not row[0]}:
+        require_stored(connection, gone)
+    return [WaveformPlace(*row[:4]) for row in rows]
 
 
 def calibration_measurements(

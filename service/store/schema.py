@@ -2,17 +2,51 @@
 
 from collections.abc import Callable
 
-from sqlalchemy import Connection, insert, inspect, select, update
+from sqlalchemy import Connection, column, insert, inspect, select, table, text, update
+from sqlalchemy.schema import CreateIndex
 
 from service.errors import DataFolderError
-from service.store.tables import Base, VersionRow
+from service.store.tables import Base, MeasurementRow, VersionRow, WindowRow
 from service.store.trend import epochs, rollups, sessions  # noqa: F401 - their tables belong to the schema
+
+#: When the last window of a measurement began, as far as an older program kept it: not what a wrong clock says.
+_FILL_ENDS = """UPDATE measurements SET ended_at =
+(SELECT COALESCE(MAX(windows.started_at), measurements.started_at) FROM windows
+WHERE windows.measurement_id = measurements.id AND COALESCE(windows.refusal_reason, '') <> 'clock-ahead')"""
+
+
+def _repeat_names(connection: Connection) -> None:
+    """Let an axis have several measurements of one name, which their starts tell apart."""
+    measurements, windows = (row.metadata.tables[row.__tablename__] for row in (MeasurementRow, WindowRow))
+    new = [windows.c.ended_at, windows.c.position_mm, windows.c.set_preload_n, measurements.c.ended_at]
+    for added in new:
+        kind = added.type.compile(connection.dialect)
+        connection.execute(text(f"ALTER TABLE {added.table.name} ADD COLUMN {added.name} {kind}"))
+    connection.execute(text(_FILL_ENDS))
+    connection.execute(text("DELETE FROM rejudged_measurements"))  # without an end; the job makes them again
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("ALTER TABLE measurements ALTER COLUMN ended_at SET NOT NULL"))
+        connection.execute(text("ALTER TABLE measurements DROP CONSTRAINT uq_measurements_axis_id_name"))
+        by_name = next(index for index in measurements.indexes if index.name == "ix_measurements_axis_name")
+        connection.execute(CreateIndex(by_name))
+        return
+    # SQLite drops a constraint with its table only; what refers to a row of it looks for that at the commit
+    connection.execute(text("PRAGMA defer_foreign_keys = ON"))
+    connection.execute(text("CREATE TEMPORARY TABLE copied AS SELECT * FROM measurements"))
+    connection.execute(text("DROP TABLE measurements"))
+    measurements.create(connection)
+    names = [each.name for each in measurements.c]
+    copied = table("copied", *(column(name) for name in names))
+    connection.execute(insert(measurements).from_select(names, select(copied)))
+    connection.execute(text("DROP TABLE copied"))
+
 
 #: Oldest version that this program opens.
 BASELINE = "0017"
 #: What follows the baseline: the version that each step leads to, and what it changes, on SQLite and on PostgreSQL.
 STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0018", lambda _: None),  # new documents of measurements are packed, which an older program would not read
+    ("0019", _repeat_names),
 )
 #: The version that this program writes.
 VERSION = STEPS[-1][0]
@@ -42,7 +76,7 @@ def bring_up_to_date(connection: Connection) -> None:
 
 def _state_conditions(dialect: str) -> None:
     """Give partial indexes their condition in this dialect, too: tables that named it would load it at every start."""
-    for index in (index for table in Base.metadata.tables.values() for index in table.indexes):
+    for index in (index for each in Base.metadata.tables.values() for index in each.indexes):
         index.dialect_options[dialect]["where"] = index.dialect_options["sqlite"]["where"]
 
 

@@ -187,20 +187,25 @@ class ActivationRow(Base):
 
 
 class MeasurementRow(Base):
-    """Windows of one name at one position, averaged together. What was said about it is apart: see below."""
+    """Windows averaged together: of one name, one after the other, at one place; its name and its start tell it.
+
+    What was said about it is apart: see below.
+    """
 
     __tablename__ = "measurements"
     __table_args__ = (
-        UniqueConstraint("axis_id", "name"),
+        Index("ix_measurements_axis_name", "axis_id", "name", "ended_at"),
         Index("ix_measurements_axis_started", "axis_id", "started_at", "id"),
         _partial_index("ix_measurements_closing", "closes_at", where="status = 'open'"),
         _partial_index("ix_measurements_set_preload", "axis_id", "started_at", where="set_preload_n IS NOT NULL"),
+        {"sqlite_autoincrement": True},  # the number of one that became a part of another is not given again
     )
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
     name: Mapped[str] = mapped_column(String(200))
     started_at: Mapped[datetime]  # of its first window
+    ended_at: Mapped[datetime]  # of its last window
     position_mm: Mapped[float]
     set_preload_n: Mapped[float | None]  # only where it was set on purpose, as in a calibration
     status: Mapped[str] = mapped_column(String(16))  # open | judged | refused
@@ -244,6 +249,10 @@ class WindowRow(Base):
     refusal_reason: Mapped[str | None] = mapped_column(String(40))
     refusal_detail: Mapped[str | None] = mapped_column(String(500))
     let_go_by: Mapped[int | None] = mapped_column(ForeignKey("purges.id"))  # None: its waveform is stored
+    # what tells the measurement that it is of; None: an older program stored it, and it is as its measurement
+    ended_at: Mapped[datetime | None]
+    position_mm: Mapped[float | None]
+    set_preload_n: Mapped[float | None]
 
 
 #: Where the waveform of a window lies, in the order of a WaveformPlace.

@@ -3,6 +3,7 @@
 import shutil
 import time
 import weakref
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
 
 import h5py
@@ -11,7 +12,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
+from monitor_core.recording import (
+    Conditions,
+    Direction,
+    ExcitationQuantity,
+    ExcitationSource,
+    Placed,
+    Session,
+    Window,
+    measurements_of,
+)
 from monitor_core.recordings import check_file, open_session, read_session, write_session
 from tests.conftest import PROJECT_ROOT
 
@@ -362,3 +372,41 @@ def test_every_bundled_session_is_valid():
     sessions = sorted((PROJECT_ROOT / "replay_data").glob("*.session.h5"))
     assert len(sessions) > 5
     assert [check_file(path).problems for path in sessions] == [()] * len(sessions)
+
+
+#: Seconds after the first window, millimetres, and set preload; then which windows make a measurement.
+GROUPED = {
+    "one after the other": ([(0, 500, None), (2, 500, None), (600, 500, None)], [[0, 1, 2]]),
+    "a pause": ([(0, 500, None), (602, 500, None), (604, 500, None)], [[0], [1, 2]]),
+    "within the limit of the first": ([(0, 500, None), (2, 519, None), (4, 521, None)], [[0, 1], [2]]),
+    "left and come back to": ([(0, 500, None), (2, 600, None), (4, 500, None)], [[0], [1], [2]]),
+    "another preload": ([(0, 500, 300.0), (2, 500, 305.0), (4, 500, 150.0), (6, 500, None)], [[0, 1], [2, 3]]),
+    "no pause for a day": ([(550 * i, 500, None) for i in range(158)], [list(range(79)), list(range(79, 158))]),
+    "out of order": ([(700, 500, None), (0, 500, None), (702, 500, None)], [[1], [0, 2]]),
+}
+
+
+def test_windows_of_one_name_are_grouped_by_time_and_place() -> None:
+    def grouped(windows):
+        placed = [
+            Placed("X", START + timedelta(seconds=at), START + timedelta(seconds=at + 1), mm / 1000, preload)
+            for at, mm, preload in windows
+        ]
+        return [[placed.index(window) for window in group] for group in measurements_of(placed)]
+
+    assert {case: grouped(windows) for case, (windows, _) in GROUPED.items()} == {
+        case: expected for case, (_, expected) in GROUPED.items()
+    }
+
+
+def test_session_on_disk_is_grouped_as_one_in_memory(tmp_path) -> None:
+    """Windows of eleven minutes each follow each other without a pause: the file is asked how long they are."""
+    long = window()
+    long = replace(long, sample_rate=long.n_samples / 660.0)
+    starts = [timedelta(), timedelta(minutes=11), timedelta(minutes=40), timedelta(minutes=51)]
+    session = Session("axis", tuple(replace(long, started_at=long.started_at + after) for after in starts))
+    write_session(tmp_path / "x.session.h5", session)
+    with open_session(tmp_path / "x.session.h5") as reader:
+        assert reader.measurements == session.measurements
+        assert [len(reader.windows_of(name)) for name in reader.measurements] == [2, 2]
+    assert all(name.startswith("a (2") for name in session.measurements)

@@ -50,11 +50,11 @@ def _write(
     database: sqlite3.Connection, axis: str, number: int, measured: list[tuple[int, datetime, int]], said: tuple
 ) -> None:  # fmt: skip
     database.executemany(
-        "INSERT INTO measurements (id, axis_id, name, started_at, position_mm, set_preload_n, status, n_accepted, "
-        "judged_at, revision) VALUES (?, ?, ?, ?, 500, ?, ?, 15, ?, 2)",
+        "INSERT INTO measurements (id, axis_id, name, started_at, ended_at, position_mm, set_preload_n, status, "
+        "n_accepted, judged_at, revision) VALUES (?, ?, ?, ?, ?, 500, ?, ?, 15, ?, 2)",
         (
-            (key, axis, f"h{i}", _text(at), 300.0 if i % 50 == 0 else None, "refused" if i % 20 == 7 else "judged",
-             _text(at))
+            (key, axis, f"h{i}", *[_text(at)] * 2, 300.0 if i % 50 == 0 else None,
+             "refused" if i % 20 == 7 else "judged", _text(at))
             for key, at, i in measured
         ),
     )  # fmt: skip

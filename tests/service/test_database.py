@@ -80,14 +80,15 @@ def test_prepared_statements_read_what_mapped_rows_hold(database_url: str, tmp_p
     database = Database(database_url)
     with database.connect() as connection, reading(connection):
         axis = intake.read_axis(connection, "axis")
-        measurements = intake.read_measurements(connection, "axis", {"m", "open", "new"})
+        called = [intake.measurements_called(connection, "axis", name, START, LATER) for name in ("m", "open", "new")]
         contents = intake.contents_at(connection, axis, starts | {LATER - timedelta(seconds=0.5)})
     with database.read() as session:
         row = session.get_one(AxisRow, "axis")
         assert all(getattr(axis, name) == getattr(row, name) for name in ("id", "configuration", "revision"))
         stored = {window.started_at: window.content_sha256 for window in session.scalars(select(WindowRow))}
-        assert contents == {start: stored[start] for start in starts}
+        assert {start: sha256 for start, (sha256, _) in contents.items()} == {start: stored[start] for start in starts}
         assert axis.newest_window_at == max(stored)
+        measurements = {each.name: each for of_name in called for each in of_name}
         assert measurements.keys() == {"m", "open"}
         for row in session.scalars(select(MeasurementRow)):
             read = measurements[row.name]

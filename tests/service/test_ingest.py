@@ -187,16 +187,17 @@ def test_window_from_a_clock_ahead_is_stored_and_refused(shared_api: Api) -> Non
     assert outcome["frequency_hz"] is not None
 
 
-def test_window_at_another_position_is_refused(shared_api: Api) -> None:
-    shared_api.register("elsewhere", windows_per_measurement=8)
-    rng = np.random.default_rng(8)
-    windows = simulated_measurement(rng, "m", n_windows=9)
+def test_place_that_is_left_ends_a_measurement(shared_api: Api) -> None:
+    shared_api.register("elsewhere")
+    windows = simulated_measurement(np.random.default_rng(8), "m", n_windows=9)
     windows[3] = replace(windows[3], conditions=replace(windows[3].conditions, position=0.6))
-    answer = shared_api.accept("elsewhere", windows)
-    assert answer["windows"][3]["reason"] == "position-mismatch"
-    assert "600.0 mm" in answer["windows"][3]["detail"]
-    (outcome,) = answer["measurements"]
-    assert outcome["n_averages"] == pytest.approx(8.0, abs=1e-9)
+    answer = shared_api.accept("elsewhere", windows, complete=True)
+    assert answer["accepted"] == 9
+    assert [outcome.get("n_averages") for outcome in answer["measurements"]] == [
+        pytest.approx(3.0, abs=1e-9), None, pytest.approx(5.0, abs=1e-9)
+    ]  # fmt: skip
+    (alone,) = [point for point in shared_api.trend("elsewhere") if point["refusal_reason"] == "too-few-averages"]
+    assert alone["position_mm"] == pytest.approx(600.0)
 
 
 def test_bad_windows_are_stored_refused_and_counted(shared_api: Api) -> None:

@@ -384,8 +384,11 @@ def test_windows_are_stored_in_either_encoding(
     client.publish("preload/plant/axes/axis.1/windows", packed(windows[2:3]))  # what says nothing is recognised
     client.publish("preload/plant/axes/axis.1/windows", as_json(windows[3]))
     wait_until(lambda: len(stored_windows(api.data_dir, "axis.1")) == 4, what="storing")
+    next_day = [replace(window, started_at=window.started_at + timedelta(days=1)) for window in windows]
+    client.publish("preload/plant/axes/axis.1/windows", packed(next_day))
+    wait_until(lambda: len(stored_windows(api.data_dir, "axis.1")) == 8, what="storing")
     client.close()
-    assert len(api.trend("axis.1")) == 1
+    assert [point["measurement"] for point in api.trend("axis.1")] == ["m", "m"]  # a name and a time
 
 
 @needs_mosquitto

@@ -27,7 +27,7 @@ def in_order(windows: list[Window], tmp_path_factory: pytest.TempPathFactory) ->
 
 def test_the_history_has_an_alarm_and_what_is_refused(in_order: dict) -> None:
     assert [alarm["status"] for alarm in in_order["alarms"]] == ["active"]
-    assert in_order["axis"]["refused_windows"] == {"dead-channel": 1, "position-mismatch": 3}
+    assert in_order["axis"]["refused_windows"] == {"dead-channel": 1}
 
 
 @pytest.mark.parametrize(("seed", "n_senders"), canary([(1, 1), (2, 3), (3, 8)]))

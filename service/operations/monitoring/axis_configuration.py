@@ -21,6 +21,7 @@ from sqlalchemy.orm import Session
 from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
 from monitor_core.quality import QualityGate
+from monitor_core.recording import Visit
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import (
     LEAST_MEASUREMENTS,
@@ -68,6 +69,10 @@ class AxisConfiguration(RequestModel):
     )
     measurement_timeout_s: Annotated[Number, SECONDS] = Field(
         default=600.0, description="a measurement that no window came to for so long is judged with what it has"
+    )
+    measurement_pause_s: Annotated[Number, SECONDS] = Field(
+        default=600.0,
+        description="a window that began so long after the one before of its name had ended begins another measurement",
     )
     minimum_averages: int = Field(
         default=2, ge=2, le=1000, description="fewer windows are never judged; more may be needed, by their coherence"
@@ -146,6 +151,7 @@ _STORED = StoredRecord(
     added=frozenset(
         {
             "measurement_timeout_s",
+            "measurement_pause_s",
             "baseline_days",
             "axis_type",
             "machine",
@@ -179,6 +185,12 @@ def core_settings(configuration: AxisConfiguration) -> AxisSettings:
         mode=ModeGate(minimum_averages=configuration.minimum_averages),
         moving_mass=None if mass is None or uncertainty is None else Estimate(mass, uncertainty),
     )
+
+
+@lru_cache(maxsize=1024)
+def visit_of(configuration: AxisConfiguration) -> Visit:
+    """Return how far the windows of one measurement may be apart."""
+    return Visit(timedelta(seconds=configuration.measurement_pause_s), metres(configuration.position_span_limit_mm))
 
 
 def detector_settings(configuration: AxisConfiguration) -> DetectorSettings:

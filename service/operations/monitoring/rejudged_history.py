@@ -19,7 +19,6 @@ from service.errors import WaveformDamagedError
 from service.json_types import JsonObject
 from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
-from service.operations.monitoring.intake.admission import at_its_position
 from service.operations.monitoring.intake.charts import Uncharted, fold_from
 from service.operations.monitoring.intake.epochs import epoch_of_calibration
 from service.operations.monitoring.intake.judge import Judged, counted, judge, judged_point, stand
@@ -114,10 +113,9 @@ def _median(values: Sequence[float | None]) -> float | None:
 MEASUREMENT, POINT = TypeAdapter(MeasurementRecord), TypeAdapter(TrendPoint)
 #: By the start of a window: for which reason it was refused before, for which now, and the detail of that.
 _REFUSALS = TypeAdapter(dict[datetime, tuple[str | None, str | None, str | None]])
-#: A window that says it began after it arrived says nothing of when it began, whatever the calibration.
-_KEPT = str(RejectionReason.CLOCK_AHEAD)
-#: Windows whose waveform is needed to judge a measurement: accepted ones, and those that stood elsewhere.
-_AVERAGED = (None, str(RejectionReason.POSITION_MISMATCH))
+#: A window that says it began after it arrived says nothing of when it began, whatever the calibration; one that an
+#: older program saw elsewhere stood there.
+_KEPT = (str(RejectionReason.CLOCK_AHEAD), str(RejectionReason.POSITION_MISMATCH))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,15 +141,13 @@ def judged_anew(
         return staged
     settings = core_settings(anew.configuration)
     refusals = {window.started_at: check_window(window, settings, anew.calibration) for window in windows}
-    passed = [window for window in windows if refusals[window.started_at] is None]
-    refusals |= at_its_position(passed, anew.configuration.position_span_limit_mm)
-    accepted = [window for window in passed if refusals[window.started_at] is None]
+    accepted = [window for window in windows if refusals[window.started_at] is None]
     judged = replace(row)
     if row.status == OPEN:
         judged.n_accepted = len(accepted)
         return replace(staged, measurement=_dumped(judged), refusals=_changed(stored, refusals))
     outcome = judge(accepted, anew.configuration, anew.calibration)
-    stand(Judged(judged, outcome, None, accepted[0] if accepted else None, len(accepted)), anew.calibration_id)
+    stand(Judged(judged, outcome, (), accepted[0] if accepted else None, len(accepted)), anew.calibration_id)
     point = judged_point(anew.axis_number, judged, outcome, 0, anew.calibration)
     return replace(
         staged,
@@ -173,7 +169,7 @@ def refusals_of(staged: StagedRecord) -> dict[datetime, tuple[str | None, Reject
 
 def _read(waveforms: WaveformStore, stored: Sequence[StoredWindow]) -> list[Window] | None:
     """Return the windows that can be looked at, in time order; None if one is gone that the value rests on."""
-    wanted = [window for window in stored if window.refusal_reason != _KEPT]
+    wanted = [window for window in stored if window.refusal_reason not in _KEPT]
     try:
         return waveforms.read([window.place for window in wanted])
     except WaveformDamagedError:
@@ -182,7 +178,7 @@ def _read(waveforms: WaveformStore, stored: Sequence[StoredWindow]) -> list[Wind
         try:
             windows += waveforms.read([window.place])
         except WaveformDamagedError:
-            if window.refusal_reason in _AVERAGED:
+            if window.refusal_reason is None:
                 return None
     return windows
 

@@ -86,10 +86,11 @@ def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, bounds
         paths, read_channel_map(map_path), lambda name: report(Progress(len(channels), sentence=name)), seen=note
     )
     session = imported.session
+    measurement_of = {id(window): name for name in session.measurements for window in session.windows_of(name)}
     for number, window in enumerate(session.windows, start=1):
         where = f"{paths[0].name}, window number {number}" if len(paths) == 1 else f"window number {number}"
         windows.require_length(window.excitation.size, where)
-        windows.require(window, where)
+        windows.require(window, measurement_of[id(window)], where)
     path = folder / f"{paths[0].stem}{SESSION_SUFFIX}"
     bounds.room.require(2 * size_of(session.windows))  # the windows are stored besides
     try:
@@ -125,7 +126,7 @@ def _session(paths: Sequence[Path], windows: "_Windows", report: Report) -> Look
             where = f"{path.name} /windows/{name}"
             windows.require_length(session.length(name), where)
             window = session.window(name)
-            windows.require(window, where)
+            windows.require(window, session.measurement_of[name], where)
             seen.add(window)
         axis_id = plain(session.axis_id)
         return Look(path, axis_id, len(session.measurement_of), len(session.measurements), seen.channels())
@@ -148,7 +149,7 @@ class _Windows:
                 "(samples_per_window of the map)"
             )
 
-    def require(self, window: Window, where: str) -> None:
+    def require(self, window: Window, measurement: str, where: str) -> None:
         """Refuse a window that could not be sent by itself, or that makes the recording too large."""
         conditions = window.conditions
         try:
@@ -171,16 +172,16 @@ class _Windows:
         self._last_start = window.started_at
         n_bytes = size_of([window])
         self._bytes += n_bytes
-        self._by_measurement[window.measurement] += n_bytes
+        self._by_measurement[measurement] += n_bytes
         if self._bytes > self._bounds.samples_bytes:
             raise BodyTooLargeError(
                 f"{where}: the samples of a recording may take {self._bounds.samples_bytes >> 20} MiB (four times "
                 "PRELOAD_MAX_RECORDING_MIB); they take more up to here"
             )
-        if self._by_measurement[window.measurement] > self._bounds.measurement_bytes:
+        if self._by_measurement[measurement] > self._bounds.measurement_bytes:
             raise BodyTooLargeError(
                 f"{where}: the samples of one measurement may take {self._bounds.measurement_bytes >> 20} MiB; those "
-                f"of {window.measurement!r} take more up to here. Give its parts names of their own"
+                f"of {measurement!r} take more up to here. Give its parts names of their own"
             )
 
 

@@ -163,7 +163,7 @@ def _window_lines(
     else:
         rate = stated.sample_rate if stated else None
         yield cutting_entry(signals, times, rate_of_texts(times, channels) if isinstance(times, TextTimes) else rate)
-    measurement = "joins several files; else each is a measurement"
+    measurement = "joins files within 10 minutes of each other; else each is a measurement"
     yield MapEntry("measurement", "at 250 mm", measurement, Mark.OPTIONAL)
     for name, value, remark in (
         ("file_interval_s", "60", "several files, from the start of one to that of the next"),

@@ -1,28 +1,62 @@
-"""Assign new windows to measurements, and decide which measurements are complete."""
+"""Find the measurements that new windows are of, and decide which of these are complete.
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+Which windows make a measurement is the core's to say (:func:`~monitor_core.recording.measurements_of`), of all windows
+of a name together: so what is stored does not depend on the order in which they came. A window that came late may join
+two measurements, or part one.
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
+from typing import Protocol
 
-from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.recording import Placed, Rejection, RejectionReason, Visit, Window, measurements_of
 from monitor_core.recordings.elements.units import to_millimetres
 from service.clock import text_of
-from service.operations.monitoring.axis_configuration import AxisConfiguration
-from service.store.intake import OPEN, MeasurementRecord
-from service.store.retention import LetGo
+from service.operations.monitoring.axis_configuration import AxisConfiguration, visit_of
+from service.store.intake import OPEN, MeasurementRecord, StoredMember
 
 #: A window that says it began so long after it arrived comes from a clock that is wrong: put into the charts, it would
 #: make everything that is measured until then too old for them.
 MOST_AHEAD = timedelta(minutes=10)
 
 
-@dataclass(slots=True)
-class Admitted:
-    """A new window in its measurement, and why it will not be averaged there, if so."""
+class StoredHistory(Protocol):
+    """What is stored of the axis, as far as it is asked for."""
 
-    window: Window
-    measurement: MeasurementRecord
-    refusal: Rejection | None
+    def called(self, name: str, since: datetime, until: datetime) -> "list[Measured]":
+        """Return the measurements of one name that lie between two moments, or reach there, in time order."""
+        ...
+
+    def members_of(self, row: MeasurementRecord) -> list[StoredMember]:
+        """Return the windows that tell what a measurement is made of, in time order."""
+        ...
+
+    def closed(self, row: MeasurementRecord) -> str | None:
+        """Say why a measurement that was judged takes no more windows, if so."""
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class Measured:
+    """A measurement and the windows that tell what it is made of, as they stand with the new ones."""
+
+    row: MeasurementRecord
+    was: list[tuple[datetime, int]] = field(default_factory=list)  # starts and numbers of what was judged before
+    members: "list[Member]" = field(default_factory=list)
+    has_changed: bool = False  # its windows have
+    is_due: bool = False  # windows of it were judged already
+
+
+@dataclass(slots=True, eq=False)
+class Member:
+    """A window and its measurement."""
+
+    placed: Placed
+    of: Measured | None  # None: it is new, and of none yet
+    accepted: bool
+    window: Window | None = None  # None: it is stored already
+    refusal: Rejection | None = None  # of a new one
 
 
 @dataclass(slots=True)
@@ -32,54 +66,171 @@ class Admission:
     axis_id: str
     configuration: AxisConfiguration
     received_at: datetime
-    measurements: dict[str, MeasurementRecord]  # those that the windows name
-    closed: Collection[str]  # names of those that were judged too long ago to take more
-    admitted: list[Admitted] = field(default_factory=list)
-    let_go: Mapping[int, LetGo] = field(default_factory=dict)  # by measurement, of those that lost windows to a purge
+    history: StoredHistory
+    admitted: list[Member] = field(default_factory=list)  # new windows, in the order of their time
+    measured: dict[datetime, Measured] = field(default_factory=dict)  # by the start of each window that was looked at
+    moved: list[tuple[datetime, Measured]] = field(default_factory=list)  # stored windows, by their start
+    joined: dict[Measured, Measured] = field(default_factory=dict)  # measurements that are a part of another now
 
-    def admit(self, window: Window, own_refusal: Rejection | None) -> None:
-        """Put a new window, with what the gate says of it on its own, into its measurement; the first one makes it."""
-        row = self.measurements.get(window.measurement)
-        ahead = window.started_at - self.received_at > MOST_AHEAD
-        if row is None:
-            row = self.measurements[window.measurement] = MeasurementRecord(
-                axis_id=self.axis_id,
-                name=window.measurement,
-                started_at=self.received_at if ahead else window.started_at,
-                position_mm=to_millimetres(window.conditions.position),
-                set_preload_n=window.conditions.preload,
-                closes_at=None,
-            )
-        refusal = self._clock(window) if ahead else self._closed(row) or own_refusal or self._elsewhere(window, row)
-        if row.status == OPEN:
-            row.closes_at = self.received_at + timedelta(seconds=self.configuration.measurement_timeout_s)
-            if not ahead:
-                row.started_at = min(row.started_at, window.started_at)  # windows may arrive in any order
-        row.n_accepted += refusal is None
-        self.admitted.append(Admitted(window, row, refusal))
+    def admit(self, windows: Sequence[Window], gate: Callable[[Window], Rejection | None]) -> None:
+        """Put new windows, in the order of their time, each with what the gate says of it, into their measurements."""
+        by_name: dict[str, list[Member]] = {}
+        for window in windows:
+            ahead = window.started_at - self.received_at > MOST_AHEAD
+            refusal = self._clock(window) if ahead else gate(window)
+            member = Member(window.placed, None, refusal is None, window, refusal)
+            self.admitted.append(member)
+            by_name.setdefault(window.measurement, []).append(member)
+        for members in by_name.values():
+            ahead_of_time = [m for m in members if m.placed.started_at - self.received_at > MOST_AHEAD]
+            in_time = members[: len(members) - len(ahead_of_time)]
+            if in_time:
+                self._distribute(*self._grouped(in_time))
+            if ahead_of_time:
+                self._put_aside(ahead_of_time)
 
-    def changed(self) -> list[MeasurementRecord]:
-        """Return the measurements that new windows made or changed."""
-        rows = {item.measurement.name: item.measurement for item in self.admitted}
-        return [row for row in rows.values() if row.status == OPEN]
+    def changed(self) -> list[Measured]:
+        """Return the measurements that have other windows now, each once."""
+        return [measurement for measurement in dict.fromkeys(self.measured.values()) if measurement.has_changed]
 
-    def complete(self, named: Iterable[str]) -> list[MeasurementRecord]:
+    def complete(self, said: Collection[Measured]) -> list[Measured]:
         """Return what is to be judged, in time order.
 
-        That is what is said to be complete, what has enough windows, and what was judged and has got more: a value
-        rests on all the windows of its measurement, in whatever order they came.
+        That is what is said to be complete, what has enough windows, and what was judged and has other ones now: a
+        value rests on all the windows of its measurement, in whatever order they came.
         """
-        more = {item.measurement.name for item in self.admitted if counts(item.refusal)}
-        complete = [
-            row
-            for row in self.measurements.values()
-            if (
-                row.status == OPEN
-                and (row.name in named or row.n_accepted >= self.configuration.windows_per_measurement)
-            )
-            or (row.status != OPEN and row.name in more)
+        enough = self.configuration.windows_per_measurement
+        changed = self.changed()
+        complete = [measurement for measurement in said if measurement.row.status == OPEN]
+        complete += [
+            measurement for measurement in changed if measurement.is_due or measurement.row.n_accepted >= enough
         ]
-        return sorted(complete, key=lambda row: row.started_at)
+        return sorted(dict.fromkeys(complete), key=lambda measurement: measurement.row.started_at)
+
+    def _grouped(self, new: Sequence[Member]) -> tuple[list[list[Member]], list[Measured]]:
+        """Return new windows of one name, and the stored ones that are averaged otherwise with them, by measurement.
+
+        Stored measurements are taken in one after the other, from that which the first new window may be of to the
+        first that stays as it is. Those that hold no such window yet are returned besides.
+        """
+        members, visit, hollow = list(new), visit_of(self.configuration), list[Measured]()
+        name, first = new[0].placed.name, new[0].placed.started_at
+        looked_until, waiting, seen = first, list[Measured](), set[Measured]()
+        while members:
+            groups = _by_measurement(members, visit)
+            until = max(member.placed.ended_at for member in members) + visit.pause
+            if until > looked_until:
+                around = self.history.called(name, first - visit.pause, until)
+                begun = [measurement for measurement in around if measurement.row.started_at <= first]
+                waiting = [
+                    measurement for measurement in around if measurement not in seen and measurement not in begun[:-1]
+                ]
+                looked_until = until
+            if not waiting:
+                return groups, hollow
+            following = waiting.pop(0)
+            seen.add(following)
+            stored = self.load(following)
+            if not stored:
+                hollow += [following] if following.row.status == OPEN else []
+            elif self._stays(stored, members, groups[-1], visit):
+                return groups, hollow
+            elif (why := self.history.closed(following.row)) is not None:
+                members = self._kept_out(members, following, why, visit)
+            else:
+                members += stored
+        return [], hollow
+
+    @staticmethod
+    def _stays(stored: Sequence[Member], members: Sequence[Member], last: Sequence[Member], visit: Visit) -> bool:
+        """Tell whether a stored measurement begins after all other windows, and is none with the last of them."""
+        if any(member.placed.started_at > stored[0].placed.started_at for member in members):
+            return False
+        return len(_by_measurement([*last, stored[0]], visit)) > 1
+
+    def load(self, measurement: Measured) -> list[Member]:
+        """Return the windows of a measurement, as they stand with the new ones."""
+        if not measurement.members and measurement.row.id is not None:
+            measurement.members = [
+                Member(stored.placed, measurement, stored.accepted)
+                for stored in self.history.members_of(measurement.row)
+            ]
+        return measurement.members
+
+    def _kept_out(self, members: Sequence[Member], closed: Measured, why: str, visit: Visit) -> list[Member]:
+        """Refuse the new windows that are of a measurement that takes no more; return the other windows."""
+        new = [member for member in members if member.window is not None]
+        refused = [
+            member
+            for group in _by_measurement([*closed.members, *new], visit)
+            if any(member.of is closed for member in group)
+            for member in group
+            if member.window is not None
+        ]
+        for member in refused:
+            member.refusal, member.accepted, member.of = Rejection(RejectionReason.TOO_LATE, why), False, closed
+            self.measured[member.placed.started_at] = closed
+        return [member for member in members if member not in refused]
+
+    def _distribute(self, groups: Sequence[list[Member]], hollow: list[Measured]) -> None:
+        """Let the windows of each group be one measurement: that which the first of them is of, or a new one."""
+        taken, left = set[Measured](), dict[Measured, Measured]()
+        for group in groups:
+            of = list(dict.fromkeys(member.of for member in group if member.of is not None))
+            measurement = next((measurement for measurement in of if measurement not in taken), None)
+            if measurement is None:
+                measurement = hollow.pop() if hollow else Measured(self._new(group[0].placed))
+            taken.add(measurement)
+            measurement.has_changed = measurement.has_changed or group != measurement.members
+            measurement.is_due = measurement.is_due or any(other.was for other in of)
+            measurement.members = group
+            for member in group:
+                self.measured[member.placed.started_at] = measurement
+                if member.of is not None and member.of is not measurement:
+                    self.moved.append((member.placed.started_at, measurement))
+                    left.setdefault(member.of, measurement)
+                member.of = measurement
+            if measurement.has_changed:
+                self._describe(measurement)
+        for other, measurement in left.items():
+            if other not in taken:
+                measurement.was += other.was
+                self.joined[other] = measurement
+
+    def _describe(self, measurement: Measured) -> None:
+        """Let the row of a measurement say what its windows do."""
+        row, first = measurement.row, measurement.members[0].placed
+        row.started_at, row.ended_at = first.started_at, measurement.members[-1].placed.ended_at
+        row.position_mm, row.set_preload_n = to_millimetres(first.position), first.preload
+        row.n_accepted = sum(member.accepted for member in measurement.members)
+        if row.status == OPEN:
+            row.closes_at = self.received_at + timedelta(seconds=self.configuration.measurement_timeout_s)
+
+    def _put_aside(self, members: Sequence[Member]) -> None:
+        """Let windows whose time is wrong be of the measurement of their name that is under way, or of one of now."""
+        placed = members[0].placed
+        under_way = [
+            *(measurement for measurement in self.measured.values() if measurement.row.name == placed.name),
+            *self.history.called(placed.name, self.received_at - visit_of(self.configuration).pause, self.received_at),
+        ]
+        measurement = next((measurement for measurement in under_way if measurement.row.status == OPEN), None)
+        if measurement is None:
+            measurement = Measured(self._new(replace(placed, started_at=self.received_at, ended_at=self.received_at)))
+        measurement.has_changed = True
+        for member in members:
+            member.of = self.measured[member.placed.started_at] = measurement
+        measurement.row.closes_at = self.received_at + timedelta(seconds=self.configuration.measurement_timeout_s)
+
+    def _new(self, placed: Placed) -> MeasurementRecord:
+        return MeasurementRecord(
+            axis_id=self.axis_id,
+            name=placed.name,
+            started_at=placed.started_at,
+            ended_at=placed.ended_at,
+            position_mm=to_millimetres(placed.position),
+            set_preload_n=placed.preload,
+            closes_at=None,
+        )
 
     def _clock(self, window: Window) -> Rejection:
         return Rejection(
@@ -88,38 +239,7 @@ class Admission:
             f"{text_of(self.received_at)}: set the clock of the sender",
         )
 
-    def _closed(self, row: MeasurementRecord) -> Rejection | None:
-        if row.status != OPEN and row.id is not None and (gone := self.let_go.get(row.id)) is not None:
-            return Rejection(RejectionReason.TOO_LATE, f"the other windows of measurement '{row.name}' were {gone}")
-        if row.name not in self.closed:
-            return None
-        return Rejection(
-            RejectionReason.TOO_LATE, f"measurement '{row.name}' was {row.status} too long before this window arrived"
-        )
 
-    def _elsewhere(self, window: Window, row: MeasurementRecord) -> Rejection | None:
-        return mismatch(window, row.position_mm, row.name, self.configuration.position_span_limit_mm)
-
-
-def counts(refusal: Rejection | None) -> bool:
-    """Tell whether a window is averaged in its measurement, or would be if that stood where the window is."""
-    return refusal is None or refusal.reason is RejectionReason.POSITION_MISMATCH
-
-
-def mismatch(window: Window, position_mm: float, name: str, limit_mm: float) -> Rejection | None:
-    """Return why a window is not of a measurement at some position, if so."""
-    own_mm = to_millimetres(window.conditions.position)
-    if abs(own_mm - position_mm) <= limit_mm:
-        return None
-    return Rejection(
-        RejectionReason.POSITION_MISMATCH,
-        f"windows of a measurement must lie within {limit_mm:g} mm of each other; got {own_mm:.1f} mm in "
-        f"'{name}' at {position_mm:.1f} mm",
-    )
-
-
-def at_its_position(windows: Sequence[Window], limit_mm: float) -> dict[datetime, Rejection | None]:
-    """Say of each window of a measurement whether it lies where the first of them lies, whichever came first here."""
-    in_time = sorted(windows, key=lambda window: window.started_at)
-    first_mm = to_millimetres(in_time[0].conditions.position) if in_time else 0.0
-    return {window.started_at: mismatch(window, first_mm, window.measurement, limit_mm) for window in in_time}
+def _by_measurement(members: Sequence[Member], visit: Visit) -> list[list[Member]]:
+    own = {id(member.placed): member for member in members}
+    return [[own[id(placed)] for placed in group] for group in measurements_of((m.placed for m in members), visit)]

@@ -13,21 +13,22 @@ from sqlalchemy import Connection
 from monitor_core.pipeline import check_window
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.recordings.elements.units import to_millimetres
 from service.clock import now, text_of
 from service.documents.stored_measurement import StoredMeasurement
 from service.errors import ConflictError, WaveformDamagedError
 from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
-from service.operations.monitoring.intake.admission import Admission, at_its_position, counts
+from service.operations.monitoring.intake.admission import Admission, Measured
 from service.operations.monitoring.intake.charts import too_late
 from service.operations.monitoring.intake.judge import Judged, Settled, judge, settle
 from service.store import intake
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import reading
-from service.store.intake import OPEN, AxisRecord, MeasurementRecord, WindowRecord
-from service.store.measurements import member_places
-from service.store.retention import LetGo, let_go
+from service.store.intake import OPEN, AxisRecord, ChartsRecord, MeasurementRecord, StoredMember, WindowRecord
+from service.store.measurements import places_at
+from service.store.retention import let_go
 from service.store.safekeeping.verification import heal
 from service.store.trend.points import point_of
 from service.store.waveforms import WaveformPlace, WaveformStore, Writing
@@ -67,17 +68,13 @@ class IngestReceipt:
 
 @dataclass(frozen=True, slots=True)
 class Post:
-    """One request: windows of an axis, and the measurements that are complete with them."""
+    """One request: windows of an axis, and which measurements are complete with them."""
 
     axis_id: str
     windows: Sequence[Window]
-    complete: frozenset[str]
+    complete: bool = False  # the measurements that these windows are of
+    overdue: frozenset[int] = frozenset()  # numbers of measurements that are complete besides
     answer: Future[IngestReceipt] = field(default_factory=Future)
-
-    @property
-    def names(self) -> set[str]:
-        """The measurements that it is about."""
-        return {window.measurement for window in self.windows} | self.complete
 
 
 #: Of axes; then all are forgotten, and those that send are read again.
@@ -106,11 +103,54 @@ class KnownAxes:
         return remembered[1]
 
 
+class _History:
+    """The stored measurements of an axis, as far as they were asked for; each is one record however often."""
+
+    def __init__(self, connection: Connection, axis: AxisRecord) -> None:
+        self._connection, self._axis = connection, axis
+        self._charts: ChartsRecord | None = None
+        self._known: dict[int, Measured] = {}
+
+    def called(self, name: str, since: datetime, until: datetime) -> list[Measured]:
+        """Return the measurements of one name that lie between two moments, or reach there, in time order."""
+        return self._of(intake.measurements_called(self._connection, self._axis.id, name, since, until))
+
+    def numbered(self, numbers: Iterable[int]) -> list[Measured]:
+        """Return some measurements of the axis; one that is gone is left out."""
+        wanted = set(numbers)
+        new = wanted - self._known.keys()
+        self._of(intake.measurements_numbered(self._connection, self._axis.id, new))
+        return [self._known[number] for number in sorted(wanted & self._known.keys())]
+
+    def members_of(self, row: MeasurementRecord) -> list[StoredMember]:
+        """Return the windows that tell what a measurement is made of, in time order."""
+        return intake.members_of(self._connection, row)
+
+    def closed(self, row: MeasurementRecord) -> str | None:
+        """Say why a measurement that was judged takes no more windows, if so."""
+        if row.status == OPEN or row.id is None:
+            return None
+        if self._charts is None:
+            self._charts = intake.read_charts(self._connection, self._axis)
+        if too_late(self._charts, row.started_at):
+            return f"measurement '{row.name}' was {row.status} too long before this window arrived"
+        gone = let_go(self._connection, [row.id]).get(row.id)
+        return None if gone is None else f"the other windows of measurement '{row.name}' were {gone}"
+
+    def _of(self, rows: Iterable[MeasurementRecord]) -> list[Measured]:
+        found = []
+        for row in rows:
+            if row.id is None:
+                continue
+            was = [] if row.status == OPEN else [(row.started_at, row.id)]
+            found.append(self._known.setdefault(row.id, Measured(row, was)))
+        return found
+
+
 class Batch:
     """Requests to one axis on their way: read, gated and judged first; then written, in the transaction of several."""
 
     def __init__(self, connection: Connection, axis_id: str, posts: Sequence[Post], known: KnownAxes) -> None:
-        names = set().union(*(post.names for post in posts))
         starts = {window.started_at for post in posts for window in post.windows}
         with reading(connection):
             self.axis: AxisRecord = intake.read_axis(connection, axis_id)
@@ -120,10 +160,7 @@ class Batch:
                     f"DELETE /v1/axes/{axis_id}/archive takes that back"
                 )
             self._contents = intake.contents_at(connection, self.axis, starts)
-            self._measurements = intake.read_measurements(connection, axis_id, names)
-            self._closed = self._too_late(connection)
             self.calibration: Calibration | None = known.calibration_of(connection, self.axis)
-            self._said_before = self._outcomes(connection, self._measurements.values())
         self.configuration = known.configuration_of(self.axis)
         self.posts: list[Post] = []
         self._new: dict[datetime, Window] = {}
@@ -132,6 +169,7 @@ class Batch:
         self._healed: set[datetime] = set()
         self._frame: Writing | None = None
         self._judged: list[Judged] = []
+        self._said_before: dict[int, StoredMeasurement] = {}
 
     def compute(self, connection: Connection, waveforms: WaveformStore, files: ExitStack, metrics: Metrics) -> None:
         """Begin to write the waveforms, and gate and judge meanwhile."""
@@ -141,17 +179,38 @@ class Batch:
         if new:
             self._frame = files.enter_context(waveforms.begin_write(self.axis.id, new, self._received_at))
         settings = core_settings(self.configuration)
-        self._admission = Admission(
-            self.axis.id, self.configuration, self._received_at, self._measurements, self._closed
-        )
-        self._admission.let_go = self._let_go(connection)
-        was_judged_at = {row.name: row.started_at for row in self._measurements.values() if row.status != OPEN}
-        for window in new:
-            self._admission.admit(window, check_window(window, settings, self.calibration))
-        complete = set().union(*(post.complete for post in self.posts))
-        for row in self._admission.complete(complete):
+        refusals = {window.started_at: check_window(window, settings, self.calibration) for window in new}
+        with reading(connection):
+            history = _History(connection, self.axis)
+            self._admission = Admission(self.axis.id, self.configuration, self._received_at, history)
+            self._admission.admit(new, lambda window: refusals[window.started_at])
+            stored = {number for _, number in self._contents.values()}
+            overdue = set[int]().union(*(post.overdue for post in self.posts))
+            self._stored = {measurement.row.id: measurement for measurement in history.numbered(stored | overdue)}
+            said = {measurement for post in self.posts for measurement in self._measured(post, only_complete=True)}
+            complete = self._admission.complete(said)
+            for measurement in complete:
+                self._admission.load(measurement)
+            self._said_before = self._outcomes(
+                connection, {measurement for post in self.posts for measurement in self._measured(post)}
+            )
+        for measurement in complete:
             with metrics.judging.time():
-                self._judged.append(self._judge(connection, waveforms, row, was_judged_at.get(row.name)))
+                self._judged.append(self._judge(connection, waveforms, measurement))
+
+    def _measured(self, post: Post, *, only_complete: bool = False) -> list[Measured]:
+        """Return the measurements that the windows of a request are of, and those that are overdue, each once."""
+        windows = () if only_complete and not post.complete else post.windows
+        found = dict.fromkeys(self._of(window.started_at) for window in windows)
+        overdue = (self._stored.get(number) for number in post.overdue)
+        return [measurement for measurement in (*found, *overdue) if measurement is not None]
+
+    def _of(self, start: datetime) -> Measured | None:
+        """Return the measurement that a window is of."""
+        measurement = self._admission.measured.get(start)
+        if measurement is None and start in self._contents:
+            measurement = self._stored.get(self._contents[start][1])
+        return measurement if measurement is None else self._admission.joined.get(measurement, measurement)
 
     @property
     def empty(self) -> bool:
@@ -164,9 +223,14 @@ class Batch:
 
     def store(self, connection: Connection, places: Sequence[WaveformPlace]) -> Settled | None:
         """Write everything in the transaction that is open; None: charts and counts of the axis stay as they are."""
-        for row in self._admission.changed():
-            intake.save_measurement(connection, row)
+        for measurement in self._admission.changed():
+            if measurement.row.status == OPEN:
+                intake.save_measurement(connection, measurement.row)
         intake.add_windows(connection, self._window_records(places))
+        for start, measurement in self._admission.moved:
+            intake.move_window(connection, self.axis.id, start, _number(measurement))
+        for gone, measurement in self._admission.joined.items():
+            intake.join_measurement(connection, gone.row, _number(measurement))
         settled = settle(connection, self.axis, self._judged, self.calibration, refused_windows=self._refusals())
         if self._frame is not None:
             self._frame.keep()  # before the commit: one that fails may yet have happened (a lost connection)
@@ -175,7 +239,7 @@ class Batch:
     def receipt(self, post: Post, settled: Settled | None) -> IngestReceipt:
         """Return the answer to one of the requests; a window that stands in two is already there in the second."""
         documents = self._said_before | ({} if settled is None else settled.measurements)
-        admitted = {item.window.started_at: item for item in self._admission.admitted}
+        admitted = {item.placed.started_at: item for item in self._admission.admitted}
         receipts = []
         for window in post.windows:
             start, status, why = window.started_at, WindowStatus.ALREADY_THERE, tuple[str, ...]()
@@ -187,7 +251,9 @@ class Batch:
                 if item.refusal is not None:
                     status, why = WindowStatus.REFUSED, (str(item.refusal.reason), item.refusal.detail)
             receipts.append(WindowReceipt(start, window.measurement, status, *why))
-        named = [measured for name, measured in documents.items() if name in post.names]
+        named = [
+            documents[number] for measurement in self._measured(post) if (number := measurement.row.id) in documents
+        ]
         return IngestReceipt(tuple(receipts), tuple(sorted(named, key=lambda measured: str(measured.started_at))))
 
     def _add(self, post: Post) -> None:
@@ -199,94 +265,59 @@ class Batch:
             if same_start is None and start not in self._contents:
                 new[start] = window
             elif content_sha256(window) != (
-                self._contents[start] if same_start is None else content_sha256(same_start)
+                self._contents[start][0] if same_start is None else content_sha256(same_start)
             ):
                 post.answer.set_exception(
                     ConflictError(
                         f"axis '{self.axis.id}' has another window that started at {text_of(start)}; "
-                        "a window is never replaced, and nothing of this request was stored"
+                        "a window is never replaced, and nothing of this request was stored: "
+                        "state when a recording began whose file does not say it"
                     )
                 )
                 return
         self._new |= new
         self.posts.append(post)
 
-    def _too_late(self, connection: Connection) -> frozenset[str]:
-        """Return the names of the measurements that were judged too long ago to take more."""
-        judged = [row for row in self._measurements.values() if row.status != OPEN]
-        if not judged:
-            return frozenset()  # as it should be: the charts are not asked
-        charts = intake.read_charts(connection, self.axis)
-        return frozenset(row.name for row in judged if too_late(charts, row.started_at))
-
-    def _judge(
-        self, connection: Connection, waveforms: WaveformStore, row: MeasurementRecord, was_judged_at: datetime | None
-    ) -> Judged:
+    def _judge(self, connection: Connection, waveforms: WaveformStore, measurement: Measured) -> Judged:
         """Judge a measurement by all its windows, those of this request and those on disk."""
-        try:
-            windows, stored = self._members(connection, waveforms, row)
-        except WaveformDamagedError as error:
-            damaged = Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error))
-            return Judged(row, judge(damaged, self.configuration, self.calibration), was_judged_at)
-        refusals = at_its_position(windows, self.configuration.position_span_limit_mm)
-        accepted = sorted(
-            (window for window in windows if refusals[window.started_at] is None), key=lambda window: window.started_at
-        )
-        for item in self._admission.admitted:
-            if item.measurement is row and counts(item.refusal):
-                item.refusal = refusals[item.window.started_at]
-        changed = {start: refusals[start] for start in stored if (refusals[start] is None) != stored[start]}
-        outcome = judge(accepted, self.configuration, self.calibration)
-        return Judged(row, outcome, was_judged_at, accepted[0] if accepted else None, len(accepted), changed)
-
-    def _members(
-        self, connection: Connection, waveforms: WaveformStore, row: MeasurementRecord
-    ) -> tuple[list[Window], dict[datetime, bool]]:
-        """Return the windows of a measurement, and of those stored before whether they were accepted."""
-        windows = [item.window for item in self._admission.admitted if item.measurement is row and counts(item.refusal)]
-        number, members = row.id, list[tuple[WaveformPlace, bool]]()
-        if number is None:
-            return windows, {}
+        accepted = [member for member in measurement.members if member.accepted]
+        stored = [member.placed.started_at for member in accepted if member.window is None]
 
         def places() -> list[WaveformPlace]:
             with reading(connection):
-                members[:] = member_places(connection, number)
-            return [place for place, _ in members]
+                return places_at(connection, self.axis.id, stored)
 
-        stored = waveforms.read_where_they_lie(places)
-        accepted = {window.started_at: own for window, (_, own) in zip(stored, members, strict=True)}
-        return windows + stored, accepted
+        try:
+            windows = waveforms.read_where_they_lie(places) if stored else []
+        except WaveformDamagedError as error:
+            damaged = Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error))
+            return Judged(measurement.row, judge(damaged, self.configuration, self.calibration), measurement.was)
+        windows += [member.window for member in accepted if member.window is not None]
+        windows.sort(key=lambda window: window.started_at)
+        outcome = judge(windows, self.configuration, self.calibration)
+        return Judged(measurement.row, outcome, measurement.was, windows[0] if windows else None, len(windows))
 
-    def _let_go(self, connection: Connection) -> dict[int, LetGo]:
-        """Return which of the measurements that are judged, and get more windows, have lost some to a purge."""
-        named = {window.measurement for window in self._new.values()}
-        judged = [
-            row.id
-            for name, row in self._measurements.items()
-            if row.status != OPEN and row.id is not None and name in named
-        ]
-        if not judged:
-            return {}
-        with reading(connection):
-            return let_go(connection, judged)
-
-    def _outcomes(self, connection: Connection, rows: Iterable[MeasurementRecord]) -> dict[str, StoredMeasurement]:
-        """Return what was said about measurements that were judged before, by name."""
-        judged = {row.id: row for row in rows if row.status != OPEN and row.id is not None}
-        outcomes = intake.outcomes_of(connection, list(judged)) if judged else {}
-        points = {
-            number: point_of(connection, self.axis.number, judged[number].started_at, number) for number in outcomes
+    def _outcomes(self, connection: Connection, measured: Iterable[Measured]) -> dict[int, StoredMeasurement]:
+        """Return what was said about measurements that were judged before, by number."""
+        judged = {
+            measurement.row.id: measurement.row
+            for measurement in measured
+            if measurement.row.status != OPEN and measurement.row.id is not None
         }
+        outcomes = intake.outcomes_of(connection, list(judged)) if judged else {}
         return {
-            judged[number].name: StoredMeasurement.of(document, points[number]) for number, document in outcomes.items()
+            number: StoredMeasurement.of(
+                document, point_of(connection, self.axis.number, judged[number].started_at, number)
+            )
+            for number, document in outcomes.items()
         }
 
     def _window_records(self, places: Sequence[WaveformPlace]) -> list[WindowRecord]:
         return [
             WindowRecord(
                 axis_id=self.axis.id,
-                measurement_id=item.measurement.id,
-                started_at=item.window.started_at,
+                measurement_id=None if item.of is None else item.of.row.id,
+                started_at=item.placed.started_at,
                 received_at=self._received_at,
                 content_sha256=place.content_sha256,
                 file_path=place.path,
@@ -294,17 +325,22 @@ class Batch:
                 index_in_frame=place.index,
                 refusal_reason=None if item.refusal is None else str(item.refusal.reason),
                 refusal_detail=None if item.refusal is None else item.refusal.detail[: intake.LONGEST_DETAIL],
+                ended_at=item.placed.ended_at,
+                position_mm=to_millimetres(item.placed.position),
+                set_preload_n=item.placed.preload,
             )
             for item, place in zip(self._admission.admitted, places, strict=True)
         ]
 
     def _refusals(self) -> Counter[str]:
-        """Count the refused windows of this batch, less those stored before that turn out to be accepted."""
-        refused = Counter(str(item.refusal.reason) for item in self._admission.admitted if item.refusal is not None)
-        changed = [refusal for item in self._judged for refusal in item.changed.values()]
-        mismatch = str(RejectionReason.POSITION_MISMATCH)
-        refused[mismatch] += sum(-1 if refusal is None else 1 for refusal in changed)
-        return refused
+        """Count the refused windows of this batch."""
+        return Counter(str(item.refusal.reason) for item in self._admission.admitted if item.refusal is not None)
+
+
+def _number(measurement: Measured) -> int:
+    if measurement.row.id is None:
+        raise AssertionError(f"measurement '{measurement.row.name}' is stored before its windows")
+    return measurement.row.id
 
 
 def by_axis(posts: Iterable[Post]) -> Mapping[str, list[Post]]:

@@ -72,8 +72,7 @@ class Ingest:
         posted) with the same start; StorageError or BusyError if disk or database did not take it: it may be sent
         again. Whatever is raised, nothing of the request is stored.
         """
-        names = frozenset(window.measurement for window in windows) if complete else frozenset()
-        post = Post(axis_id, windows, names)
+        post = Post(axis_id, windows, complete)
         self._waiting.put(post)
         return post.answer
 
@@ -96,8 +95,8 @@ class Ingest:
         """Judge measurements that no window came to for longer than their axis waits, with the windows they have."""
         with self._database.connect() as connection, reading(connection):
             overdue = intake.overdue(connection, now())
-        for axis_id, name in overdue:
-            self._round([Post(axis_id, (), frozenset({name}))], wait=True)
+        for axis_id, number in overdue:
+            self._round([Post(axis_id, (), overdue=frozenset({number}))], wait=True)
 
     def _serve(self) -> None:
         stopped, due = False, 0.0

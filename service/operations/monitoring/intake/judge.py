@@ -2,8 +2,8 @@
 
 import logging
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 from sqlalchemy import Connection
@@ -36,17 +36,16 @@ class Judged:
 
     measurement: MeasurementRecord
     outcome: MeasurementOutcome
-    was_judged_at: datetime | None = None  # when it began, by what was known when it was judged before
+    was: Sequence[tuple[datetime, int]] = ()  # starts and numbers of what was judged before and this replaces
     first: Window | None = None  # of its accepted windows
     n_accepted: int = 0
-    changed: Mapping[datetime, Rejection | None] = field(default_factory=dict)  # refusals of windows stored before
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
     """What is said about measurements, and under which names it is counted."""
 
-    measurements: dict[str, StoredMeasurement]  # by name
+    measurements: dict[int, StoredMeasurement]  # by number
     outcomes: tuple[str, ...]
     uncharted: tuple[str, ...]
     new_alarms: int
@@ -94,9 +93,8 @@ def settle(
     replaced: list[TrendPoint] = []
     for item in judged:
         row = item.measurement
-        if item.was_judged_at is not None and row.id is not None:
-            old = point_of(connection, axis.number, item.was_judged_at, row.id)
-            replaced += [] if old is None else [old]
+        old = [point_of(connection, axis.number, *point) for point in item.was]
+        replaced += [point for point in old if point is not None]
         _save(connection, axis, item)
         point = judged_point(axis.number, row, item.outcome, before.epoch, calibration)
         documents[point.measurement_id] = document = measurement_document(row, item.outcome)
@@ -115,7 +113,7 @@ def settle(
     if judged or after != before:
         intake.save_charts(connection, axis, before, after)
     return Settled(
-        {point.name: StoredMeasurement.of(documents[number], point) for number, point in folded.points.items()},
+        {number: StoredMeasurement.of(documents[number], point) for number, point in folded.points.items()},
         tuple(point.refusal_reason or JUDGED for point in folded.points.values()),
         tuple(_reasons(folded.points.values()).elements()),
         new_alarms,
@@ -126,8 +124,6 @@ def settle(
 def _save(connection: Connection, axis: AxisRecord, item: Judged) -> None:
     stand(item, axis.active_calibration_id)
     intake.save_measurement(connection, item.measurement, judged_at=now())
-    if item.measurement.id is not None and item.changed:
-        intake.refuse_windows(connection, item.measurement.id, item.changed)
 
 
 def stand(item: Judged, calibration_id: int | None) -> None:
