@@ -275,7 +275,7 @@ def _look_at_motion(name: str, path: Path) -> FileReport:
 
 def _look_at_raw(name: str, path: Path) -> FileReport:
     read = inspection.read_as_proposed(path, name)
-    channels = inspection.summaries_of(read.channels)
+    channels = inspection.summaries_of(read.channels, read.figures)
     uses = usability.uses_of(name, path, made_of(read.channels))
     next_step = usability.next_step(name, path, uses)
     return FileReport(name, True, (), channels, _contents_of_raw(read), _doubts(channels), uses, next_step, read=read)

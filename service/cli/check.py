@@ -15,6 +15,7 @@ from monitor_core.recordings.check import FileReport, check_file
 from monitor_core.recordings.elements.fields import format_instant
 from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.inspection import ChannelSummary
+from monitor_core.recordings.raw.proposal.entries import MapProposal
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.recognition import KINDS, SESSION
 from monitor_core.recordings.session_hdf5 import open_session
@@ -70,20 +71,20 @@ def check(context: click.Context, file: Path, map_path: Path | None, plot: str |
         raise click.UsageError("--json prints one document and nothing else; give --plot the name of a page")
     require_target(map_path, "channel map", inputs=[file], replaces=False)
     require_target(page, "page", inputs=[file])
-    report = read_foreign(partial(_checked, file, map_path is not None or plot is not None), file.name)
+    work = partial(_checked, file, with_map=map_path is not None, with_samples=plot is not None)
+    report, proposal, channels = read_foreign(work, file.name)
     written, n_places = [], 0
     if report.valid and map_path is not None:
-        if report.read is None or not report.usable_with_map:
+        if proposal is None:
             kind = KINDS[report.format].what
             raise click.UsageError(
                 f"--write-map goes with a raw file; got {kind}, which needs no map: {report.next_step}"
             )
-        proposal = proposed_map(report.read.channels, report.read.layout)
         map_path.write_text(proposal.toml(), encoding="utf-8")
         n_places = proposal.n_places
         written.append(map_path)
     if report.valid and plot is not None:
-        written += _plotted(file, report, page)
+        written += _plotted(file, report, channels, page)
     if as_json:
         print_json(_document(report, written))
     else:
@@ -94,10 +95,18 @@ def check(context: click.Context, file: Path, map_path: Path | None, plot: str |
         context.exit(2)
 
 
-def _checked(file: Path, with_samples: bool) -> FileReport:
-    """Look at a file; what was read of it is kept only where it is drawn, or a map is written for it."""
-    report = check_file(file)
-    return report if with_samples else replace(report, read=None)
+def _checked(
+    file: Path, *, with_map: bool, with_samples: bool
+) -> tuple[FileReport, MapProposal | None, Sequence[Channel]]:
+    """Look at a file; with the map that is proposed for it, and all samples, where they are wanted and it has them."""
+    report, proposal, channels = check_file(file), None, tuple[Channel, ...]()
+    if with_map and report.read is not None and report.usable_with_map:
+        proposal = proposed_map(report.read.channels, report.read.layout)
+    if with_samples and report.valid and report.format == SESSION:
+        channels = _channels_of_session(file)
+    elif with_samples and report.read is not None and report.channels:
+        channels = report.read.channels.read()
+    return replace(report, read=None), proposal, channels
 
 
 def _page_of(file: Path, plot: str | None) -> Path | None:
@@ -109,12 +118,13 @@ def _page_of(file: Path, plot: str | None) -> Path | None:
     return Path(plot) if plot else Path(f"{file.resolve().name}.html")
 
 
-def _plotted(file: Path, report: FileReport, page: Path | None) -> list[Path]:
+def _plotted(file: Path, report: FileReport, channels: Sequence[Channel], page: Path | None) -> list[Path]:
     """Draw the channels of a file into its page, or into the terminal where it has none."""
     # imported here: drawing brings along what the other reports need
     from service.report.channel_page import MOST_PICTURES, channel_letters, channel_page  # noqa: PLC0415
 
-    channels = _channels(file, report)
+    if not channels:
+        raise click.UsageError(f"--plot draws channels; {file.name} is {KINDS[report.format].what}, which has none")
     if page is not None:
         facts = [f"{KINDS[report.format].what}: {fact}" for fact in _facts(report)]
         page.write_text(channel_page(file.name, channels, report.channels, facts), encoding="utf-8")
@@ -125,24 +135,16 @@ def _plotted(file: Path, report: FileReport, page: Path | None) -> list[Path]:
     return []
 
 
-def _channels(file: Path, report: FileReport) -> Sequence[Channel]:
-    if report.format == SESSION:
-        return read_foreign(partial(_channels_of_session, file), file.name)
-    if report.read is None or not report.channels:
-        raise click.UsageError(f"--plot draws channels; {file.name} is {KINDS[report.format].what}, which has none")
-    return report.read.channels.channels
-
-
-def _channels_of_session(file: Path) -> Sequence[Channel]:
+def _channels_of_session(file: Path) -> tuple[Channel, ...]:
     """Return the channels of the windows in a row, in time order, as many windows as memory is given for."""
     with open_session(file) as reader:
         windows = list(islice(reader.windows(), _MOST_WINDOWS))
     traces = [window.position_trace for window in windows if window.position_trace is not None]
-    channels = [
+    channels = (
         Channel("excitation", np.concatenate([window.excitation for window in windows], dtype=np.float64)),
         Channel("response", np.concatenate([window.response for window in windows], dtype=np.float64)),
-    ]
-    return [*channels, Channel("position", np.concatenate(traces))] if traces else channels
+    )
+    return (*channels, Channel("position", np.concatenate(traces))) if traces else channels
 
 
 def _document(report: FileReport, written: Sequence[Path]) -> dict[str, object]:

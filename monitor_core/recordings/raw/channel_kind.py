@@ -27,8 +27,6 @@ class ChannelKind(StrEnum):
     FREQUENCY = "frequency"
 
 
-#: So many values at the beginning show what a channel is.
-MOST_STEPS = 100_000
 #: How words in the name of a channel begin, in the languages of controls and loggers; the first kind that fits counts.
 _BEGINNINGS: dict[ChannelKind | None, tuple[str, ...]] = {
     None: ("veloc", "speed", "geschw", "vitesse", "rpm", "drehzahl", "temp", "volt", "spann", "status", "phase"),
@@ -126,7 +124,7 @@ def names_other_unit(name: str) -> bool:
 def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
     """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
     for kind in (kind_of_name(name), kind_of_unit(unit or unit_in_name(name))):
-        rises = samples.ndim == 1 and bool(np.all(np.diff(samples[:MOST_STEPS]) > 0.0))
+        rises = samples.ndim == 1 and bool(np.all(np.diff(samples) > 0.0))
         if kind is ChannelKind.FREQUENCY and (not rises or _says_other(name)):
             continue  # that of a drive, which goes up and down; lines of a spectrum rise
         if kind is not None:
@@ -154,7 +152,7 @@ def is_planned(name: str) -> bool:
 @np.errstate(over="ignore", invalid="ignore")
 def rises_evenly(samples: SampleArray) -> bool:
     """Tell whether values rise by one step, as sampling times and lines of a spectrum do."""
-    start = samples[:MOST_STEPS]
+    start = samples
     if start.ndim != 1 or start.size < 3 or not np.all(np.isfinite(start)):
         return False
     steps = np.diff(start.astype(np.float64))

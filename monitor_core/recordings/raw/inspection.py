@@ -1,27 +1,27 @@
 """Look at the channels of a raw file: what the file states of each, and what its values show."""
 
-import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from monitor_core.arrays import SampleArray
+from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.quality import is_clipped, is_stuck, longest_run
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
 from monitor_core.recordings.raw.binary import xlsx
 from monitor_core.recordings.raw.channel_kind import (
-    MOST_STEPS,
     ChannelKind,
     kind_of,
     kind_of_name,
     kind_of_unit,
     unit_in_name,
 )
-from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
+from monitor_core.recordings.raw.channels import HEAD, Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import READERS, READERS_WITH_LAYOUT, read_channels
+from monitor_core.recordings.raw.sample_figures import SampleFigures
 from monitor_core.recordings.raw.text import columns
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.recognition import raw_ending
@@ -73,6 +73,20 @@ class AsProposed:
 
     channels: Channels
     layout: TextLayout | None
+    figures: Sequence[SampleFigures] | None = None  # of the channels, where they were gathered while it was read
+
+
+class _Watch:
+    """Gathers the figures of a table while it is read."""
+
+    def __init__(self) -> None:
+        self.figures: list[SampleFigures] = []
+
+    def begin(self, n_columns: int) -> None:
+        self.figures = [SampleFigures(n_columns) for _ in range(n_columns)]
+
+    def add(self, number: int, piece: FloatArray) -> None:
+        self.figures[number].add(piece)
 
 
 def read_as_proposed(path: Path, name: str) -> AsProposed:
@@ -82,7 +96,10 @@ def read_as_proposed(path: Path, name: str) -> AsProposed:
     installed.
     """
     if name == "csv" and raw_ending(path, READERS) in READERS_WITH_LAYOUT:
-        return AsProposed(*columns.read_as_proposed(path))
+        watch = _Watch()
+        channels, layout = columns.read_as_proposed(path, watch)
+        in_order = watch.figures if len(watch.figures) == len(channels.channels) else None
+        return AsProposed(channels, layout, in_order)
     try:
         return AsProposed(read_channels(path), None)
     except RecordingFormatError:
@@ -92,41 +109,49 @@ def read_as_proposed(path: Path, name: str) -> AsProposed:
         return AsProposed(read_channels(path, layout), layout)
 
 
-def summaries_of(channels: Channels) -> tuple[ChannelSummary, ...]:
-    """Look at each channel of a file, and for channels that hold the same values."""
+def summaries_of(channels: Channels, figures: Sequence[SampleFigures] | None = None) -> tuple[ChannelSummary, ...]:
+    """Look at each channel of a file, and for channels that hold the same values.
+
+    The file is gone through once, unless ``figures`` of its channels were gathered before.
+    """
+    if figures is None:
+        figures = [SampleFigures(len(channels.channels)) for _ in channels.channels]
+        for number, piece in channels.pieces():
+            figures[number].add(piece)
     summaries, seen = [], dict[bytes, str]()
-    for channel in channels.channels:
-        summary = replace(summary_of(channel), started_at=channels.started_at(channel))
-        if not summary.is_constant and channel.samples.size > 1:
-            values = np.ascontiguousarray(channel.samples).data.cast("B")
-            digest = hashlib.blake2b(values, digest_size=16).digest()
-            if (earlier := seen.setdefault(digest, channel.name)) != channel.name:
-                summary = replace(summary, remarks=(*summary.remarks, f"holds the values of {earlier!r}"))
+    for channel, of_channel in zip(channels.channels, figures, strict=True):
+        summary = replace(_summary(channel, of_channel), started_at=channels.started_at(channel))
+        is_telling = not summary.is_constant and of_channel.size > 1
+        if is_telling and (earlier := seen.setdefault(of_channel.digest(), channel.name)) != channel.name:
+            summary = replace(summary, remarks=(*summary.remarks, f"holds the values of {earlier!r}"))
         summaries.append(summary)
     return tuple(summaries)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # numbers near the largest there is are shown like all others
 def summary_of(channel: Channel) -> ChannelSummary:
     """Look at one channel."""
-    samples = channel.samples.reshape(-1)
-    is_finite = np.isfinite(samples)
-    finite = samples if bool(is_finite.all()) else samples[is_finite]
-    kind = kind_of(channel.name, channel.unit, channel.samples)
+    figures = SampleFigures()
+    for piece in channel.pieces():
+        figures.add(piece)
+    return _summary(channel, figures)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _summary(channel: Channel, figures: SampleFigures) -> ChannelSummary:
     summary = ChannelSummary(
         name=channel.name,
-        shape=tuple(channel.samples.shape),
+        shape=channel.shape,
         unit=channel.unit,
         sample_rate=channel.time.sample_rate,
         started_at=channel.time.started_at,
         clock=channel.time.clock,
-        kind=kind,
-        first_values=tuple(float(value) for value in samples[:N_FIRST]),
-        minimum=float(finite.min()) if finite.size else None,
-        maximum=float(finite.max()) if finite.size else None,
-        n_not_finite=samples.size - finite.size,
+        kind=kind_of(channel.name, channel.unit, channel.head),
+        first_values=tuple(float(value) for value in channel.head.reshape(-1)[:N_FIRST]),
+        minimum=figures.minimum,
+        maximum=figures.maximum,
+        n_not_finite=figures.n_not_finite,
     )
-    return _judged(summary, finite, channel.gaps)
+    return _judged(summary, figures, channel.gaps)
 
 
 def is_of_time(kind: ChannelKind | None) -> bool:
@@ -137,7 +162,7 @@ def is_of_time(kind: ChannelKind | None) -> bool:
 @np.errstate(over="ignore", invalid="ignore")
 def step_of(samples: SampleArray) -> float | None:
     """Return the middle step of sampling times; None if they do not rise."""
-    steps = np.diff(samples.reshape(-1)[:MOST_STEPS].astype(np.float64))
+    steps = np.diff(samples.reshape(-1)[:HEAD].astype(np.float64))
     middle = float(np.median(steps)) if steps.size else 0.0
     return middle if np.isfinite(middle) and middle > 0.0 else None
 
@@ -149,42 +174,41 @@ def response_remark(response: FrequencyResponse) -> str:
     return f"{lines.size} lines, {lines[0]:g} to {lines[-1]:g} Hz, {unit}" if lines.size else "no lines"
 
 
-def _judged(summary: ChannelSummary, finite: SampleArray, gaps: str) -> ChannelSummary:
-    constant = finite.size > 1 and summary.minimum == summary.maximum
+def _judged(summary: ChannelSummary, figures: SampleFigures, gaps: str) -> ChannelSummary:
+    kept = figures.kept()
+    constant = figures.n_finite > 1 and summary.minimum == summary.maximum
     stuck = clipped = False
     remarks = []
-    n_all = int(np.prod(summary.shape))
     if summary.n_not_finite:
         reason = f": {gaps}" if gaps else ""
-        remarks.append(f"{summary.n_not_finite} of {n_all} values are not finite{reason}")
+        remarks.append(f"{summary.n_not_finite} of {figures.size} values are not finite{reason}")
     if constant:
-        remarks.append(f"constant: {finite[0]:g} throughout")
-    elif finite.size > 2 and not is_of_time(summary.kind):
-        held = _held(finite)
-        start, run = longest_run(finite)
+        remarks.append(f"constant: {summary.minimum:g} throughout")
+    elif kept.size > 2 and not is_of_time(summary.kind):
+        held = _held(kept)
+        start, run = longest_run(kept)
         is_drive = summary.kind in (ChannelKind.TORQUE, ChannelKind.FORCE)
-        stuck = run > max(STUCK_SHARE * finite.size, SHORTEST_RUN) and is_stuck(
-            finite, start, run, is_excitation=is_drive
-        )
+        stuck = run > max(STUCK_SHARE * kept.size, SHORTEST_RUN) and is_stuck(kept, start, run, is_excitation=is_drive)
         at_rest = summary.kind is ChannelKind.POSITION  # an encoder that stands says so
-        stuck, clipped = stuck and not at_rest, not at_rest and _is_clipped(finite[::held])
+        stuck, clipped = stuck and not at_rest, not at_rest and _is_clipped(figures, held)
         if stuck:
-            remarks.append(f"stuck: holds {finite[start]:g} for {run} values that follow each other")
+            n_held = f"{run}" if kept.size == figures.n_finite else f"about {run / kept.size * figures.n_finite:.2g}"
+            remarks.append(f"stuck: holds {kept[start]:g} for {n_held} values that follow each other")
         if clipped:
-            n_at_end = int(np.count_nonzero((finite == summary.maximum) | (finite == summary.minimum)))
-            remarks.append(f"clipped: piles up at the end of its range ({n_at_end} values)")
+            remarks.append(f"clipped: piles up at the end of its range ({figures.n_at_ends} values)")
         if held > 1 and not at_rest:
             remarks.append(f"repeated: each value stands {held} times, so it was recorded at a lower rate")
-    if summary.kind is ChannelKind.TIME and (uneven := _uneven(finite)) is not None:
+    if summary.kind is ChannelKind.TIME and (uneven := _uneven(figures, kept)) is not None:
         remarks.append(uneven)
     return replace(
         summary, is_constant=constant, is_stuck=stuck, is_clipped=clipped,
-        remarks=tuple(remarks), doubts=tuple(_doubts(summary, finite)),
+        remarks=tuple(remarks), doubts=tuple(_doubts(summary, kept)),
     )  # fmt: skip
 
 
-def _is_clipped(samples: SampleArray) -> bool:
-    return is_clipped(samples) or is_clipped(-samples)
+def _is_clipped(figures: SampleFigures, held: int) -> bool:
+    at_top, at_bottom = figures.ends()
+    return is_clipped(at_top[::held]) or is_clipped(-at_bottom[::held])
 
 
 def _held(samples: SampleArray) -> int:
@@ -197,14 +221,14 @@ def _held(samples: SampleArray) -> int:
     return usual if np.mean(lengths == usual) >= _HELD_SHARE else 1
 
 
-def _uneven(times: SampleArray) -> str | None:
-    if times.size < 3:
+def _uneven(figures: SampleFigures, kept: SampleArray) -> str | None:
+    if kept.size < 3:
         return None
-    steps = np.diff(times.reshape(-1).astype(np.float64))
-    middle = float(np.median(steps))
-    if steps.min() <= 0.0:
-        return f"times do not rise throughout: a step of {steps.min():g}"
-    spread, ends = float(steps.max() - steps.min()), f"steps of {steps.min():g} to {steps.max():g}"
+    shortest, longest = figures.shortest_step, figures.longest_step
+    if shortest <= 0.0:
+        return f"times do not rise throughout: a step of {shortest:g}"
+    middle, spread = float(np.median(np.diff(kept.astype(np.float64)))), longest - shortest
+    ends = f"steps of {shortest:g} to {longest:g}"
     if spread <= _ROUNDED * middle:
         return None
     return f"uneven: {ends}, mostly {middle:g}" if spread > _UNEVEN * middle else f"{ends}: rounded in print, or uneven"

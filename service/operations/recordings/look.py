@@ -224,7 +224,7 @@ def _channel(file_name: str, channel: "Channel", started_at: datetime | None) ->
     return ChannelEntry(
         file=file_name,
         name=plain(channel.name),
-        shape=list(channel.samples.shape),
+        shape=list(channel.shape),
         unit=None if channel.unit is None else plain(channel.unit),
         sample_rate_hz=rate if rate is not None and math.isfinite(rate) else None,
         started_at=started_at,

@@ -6,22 +6,34 @@ in front: ``2/time``.
 """
 
 from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor_core.arrays import SampleArray
 from monitor_core.errors import MissingReaderError, RecordingFormatError
-from monitor_core.recordings.elements.bounds import require_plausible_channels
+from monitor_core.recordings.elements.bounds import MAX_CHANNELS, require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
 from monitor_core.recordings.raw.channel_time import ChannelTime
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import (
+    HEAD,
+    Channel,
+    Channels,
+    Stored,
+    native_samples,
+    require_samples,
+    stored_samples,
+)
 
 if TYPE_CHECKING:
     from asammdf import MDF
-    from asammdf.blocks.v4_blocks import ChannelConversion
+    from asammdf.blocks.v4_blocks import Channel as MdfChannel, ChannelConversion
 
 _OF_NUMBERS = range(6)  # data types
 _MASTERS = (2, 3)  # channel types of sampling times: stored, or counted by the records
@@ -33,6 +45,10 @@ _VALUE_TO_TEXT, _RANGE_TO_TEXT = 7, 8
 _TO_TEXTS = (_VALUE_TO_TEXT, _RANGE_TO_TEXT)
 _OTHER_TYPES = {6: "texts", 7: "texts", 8: "texts", 9: "texts", 10: "bytes", 11: "bytes", 12: "bytes", 13: "dates",
                 14: "dates and times", 15: "complex", 16: "complex", 17: "texts"}  # fmt: skip
+_NUMERIC = (0, 1, 2, 4, 5, 6)  # conversions of numbers into numbers: linear, rational, by tables
+_IN_RECORDS = (0, 2)  # channel types whose samples stand in the records
+_MAY_BE_INVALID = 3  # flags of a channel of which samples are marked, or all
+_FRAGMENT = 2**22  # bytes that are read at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +69,7 @@ def read_channels(path: Path) -> Channels:
     asammdf is not installed.
     """
     try:
-        from asammdf import MDF  # noqa: PLC0415
+        import asammdf  # noqa: F401, PLC0415
     except ModuleNotFoundError as error:
         raise MissingReaderError(
             f"{path.name}: reading MDF needs asammdf; pip install 'preload-monitor[mdf]'"
@@ -61,9 +77,23 @@ def read_channels(path: Path) -> Channels:
 
     with refusing(path.name, "an MDF file of version 4"):
         _require_version_4(path)
-        with MDF(path, process_bus_logging=False) as file:
-            channels, left_out = _channels(file, path.name)
-            return Channels(path.name, channels, left_out=left_out)
+    with _opened(path) as file:
+        channels, left_out = _channels(file, path)
+        return Channels(path.name, channels, left_out=left_out)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator["MDF"]:
+    from asammdf import MDF  # noqa: PLC0415
+
+    # opened here, because asammdf would map the file into memory, where what was read of it stays
+    with (
+        refusing(path.name, "an MDF file of version 4"),
+        path.open("rb") as stream,
+        MDF(stream, process_bus_logging=False) as file,
+    ):
+        file.configure(read_fragment_size=_FRAGMENT)
+        yield file
 
 
 def _require_version_4(path: Path) -> None:
@@ -80,8 +110,9 @@ def _require_version_4(path: Path) -> None:
         raise RecordingFormatError(f"{path.name}: expected MDF of version 4; got {version!r}: convert it to version 4")
 
 
-def _channels(file: "MDF", where: str) -> tuple[tuple[Channel, ...], tuple[str, ...]]:
+def _channels(file: "MDF", path: Path) -> tuple[tuple[Channel, ...], tuple[str, ...]]:
     """Return the channels of numbers, and what else the file holds."""
+    where = path.name
     left_out = [
         f"{channel.name} ({_OTHER_TYPES.get(channel.data_type, 'no numbers')})"
         for group in file.groups
@@ -107,35 +138,18 @@ def _channels(file: "MDF", where: str) -> tuple[tuple[Channel, ...], tuple[str, 
     zero = _zero(file)
     channels = []
     for place in places:
-        # not ignored here: asammdf would leave single ones out, and a channel would be shorter than its clock
-        conversion = file.groups[place.group].channels[place.index].conversion
-        signal = file.get(
-            group=place.group, index=place.index, ignore_invalidation_bits=True,
-            raw=conversion is not None and conversion.conversion_type in _TO_TEXTS,
-        )  # fmt: skip
-        samples, why = np.asarray(signal.samples), ""
-        if conversion is not None and conversion.conversion_type in _TO_TEXTS:
-            samples, why = _numbers_beside_texts(conversion, samples)
-        if lengths[place.group] == 0 or samples.dtype.kind not in "fiu" or samples.ndim not in (1, 2):
-            left_out.append(f"{names[place.group, place.index]} ({_why_no_channel(samples)})")
+        channel = file.groups[place.group].channels[place.index]
+        samples, why = _samples(file, path, place, lengths[place.group])
+        if samples is None:
+            left_out.append(f"{names[place.group, place.index]} ({why})")
             continue
-        if len(samples) != lengths[place.group]:
-            raise RecordingFormatError(
-                f"{where}, {place.name}: expected {lengths[place.group]} samples as its header says; got "
-                f"{len(samples)}: it is cut off"
-            )
-        invalid = signal.invalidation_bits
-        if invalid is not None and np.any(invalid):
-            if np.all(invalid):
-                left_out.append(f"{names[place.group, place.index]} (marked as invalid throughout)")
-                continue
-            why = " and ".join(filter(None, [why, f"{np.count_nonzero(invalid)} are marked as invalid"]))
-            samples = np.where(np.asarray(invalid, bool).reshape(-1, *[1] * (samples.ndim - 1)), np.nan, samples)
         channels.append(
             Channel(
                 name=names[place.group, place.index],
-                samples=native_samples(samples),
-                unit=signal.unit or ("s" if place.is_clock else None),
+                stored=samples,
+                unit=(channel.conversion and channel.conversion.unit)
+                or channel.unit
+                or ("s" if place.is_clock else None),
                 time=ChannelTime(
                     zero if place.group in clocks else None, clock=None if place.is_clock else clocks.get(place.group)
                 ),
@@ -186,6 +200,64 @@ def _converted(block: object, raw: np.ndarray) -> np.ndarray:
     if block is None or isinstance(block, bytes):
         return raw
     return np.asarray(block.convert(raw))  # type: ignore[attr-defined]  # a conversion of asammdf
+
+
+def _samples(file: "MDF", path: Path, place: _Place, length: int) -> tuple[SampleArray | Stored | None, str]:
+    """Return the samples of a channel, and why some are NaN; those of a plain one stay in the file.
+
+    None where there are no numbers, and why.
+    """
+    channel = file.groups[place.group].channels[place.index]
+    if length > HEAD and _is_plain(channel):
+        number = place.group * MAX_CHANNELS + place.index
+        own = _samples_of(file, place.group, place.index)
+        return stored_samples((length,), own, number, partial(_pieces, path)), ""
+    conversion = channel.conversion
+    stands_for_texts = conversion is not None and conversion.conversion_type in _TO_TEXTS
+    # not ignored here: asammdf would leave single ones out, and a channel would be shorter than its clock
+    signal = _quietly(
+        lambda: file.get(group=place.group, index=place.index, ignore_invalidation_bits=True, raw=stands_for_texts)
+    )
+    samples, why = np.asarray(signal.samples), ""
+    if stands_for_texts:
+        samples, why = _numbers_beside_texts(conversion, samples)
+    if length == 0 or samples.dtype.kind not in "fiu" or samples.ndim not in (1, 2):
+        return None, _why_no_channel(samples)
+    require_samples(len(samples) == length, length, len(samples), f"{path.name}, {place.name}")
+    invalid = signal.invalidation_bits
+    if invalid is not None and np.any(invalid):
+        if np.all(invalid):
+            return None, "marked as invalid throughout"
+        why = " and ".join(filter(None, [why, f"{np.count_nonzero(invalid)} are marked as invalid"]))
+        samples = np.where(np.asarray(invalid, bool).reshape(-1, *[1] * (samples.ndim - 1)), np.nan, samples)
+    return native_samples(samples), why
+
+
+def _is_plain(channel: "MdfChannel") -> bool:
+    """Tell whether samples are numbers in the records, whatever they are, and none of them is marked as invalid."""
+    conversion = channel.conversion
+    is_numeric = conversion is None or conversion.conversion_type in _NUMERIC
+    return is_numeric and channel.channel_type in _IN_RECORDS and not channel.flags & _MAY_BE_INVALID
+
+
+def _samples_of(file: "MDF", group: int, index: int) -> Iterator[SampleArray]:
+    fragments = file.iter_get(group=group, index=index, samples_only=True)
+    while (fragment := _quietly(lambda: next(fragments, None))) is not None:
+        samples = fragment[0]
+        yield native_samples(samples.view(samples.dtype.str))  # without what asammdf hangs on the type
+
+
+def _quietly(read: Callable[[], Any]) -> Any:  # noqa: ANN401  # as the library answers
+    """Read without what asammdf prints where reading takes long."""
+    with redirect_stdout(None):
+        return read()
+
+
+def _pieces(path: Path, wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
+    with _opened(path) as file:
+        for number in wanted:
+            for piece in _samples_of(file, *divmod(number, MAX_CHANNELS)):
+                yield number, piece
 
 
 def _require_no_formula(conversion: "ChannelConversion | None", where: str) -> None:

@@ -5,17 +5,30 @@ from the earliest of their first values, which is the zero of these times where 
 The unit is what the metadata of a column call ``unit`` or ``units``. A missing number becomes NaN.
 """
 
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from monitor_core.arrays import SampleArray
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
 from monitor_core.recordings.raw.channel_time import ChannelTime
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples, require_distinct
+from monitor_core.recordings.raw.channels import (
+    PIECE,
+    Channel,
+    Channels,
+    native_samples,
+    require_distinct,
+    stored_samples,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,6 +37,7 @@ if TYPE_CHECKING:
 _MAGIC = b"PAR1"
 #: Fraction of a second that a column of instants counts in.
 _PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+_BUFFER = 2**18  # bytes of a column that are read at a time
 
 
 def read_channels(path: Path) -> Channels:
@@ -33,7 +47,7 @@ def read_channels(path: Path) -> Channels:
     damaged or would unpack to far more than it holds; ``MissingReaderError`` if pyarrow is not installed.
     """
     try:
-        import pyarrow.parquet as pq  # noqa: PLC0415
+        import pyarrow.parquet  # noqa: F401, PLC0415
     except ModuleNotFoundError as error:
         raise MissingReaderError(
             f"{path.name}: reading Parquet needs pyarrow; pip install 'preload-monitor[parquet]'"
@@ -42,13 +56,24 @@ def read_channels(path: Path) -> Channels:
     with refusing(path.name, "a Parquet file"), require_file(path).open("rb") as stream:
         if stream.read(4) != _MAGIC:
             raise RecordingFormatError(f"{path.name}: expected a Parquet file, which begins with PAR1")
-        limit = path.stat().st_size  # no text or list of the metadata is longer than the file
-        with pq.ParquetFile(path, thrift_string_size_limit=limit, thrift_container_size_limit=limit) as file:
-            fields = [field for field in file.schema_arrow if _is_channel(field.type)]
-            _require_plausible(file.metadata, [field.name for field in fields], path)
-            left_out = [f"{field.name} ({field.type})" for field in file.schema_arrow if not _is_channel(field.type)]
-            columns = [(field, _column(file, field, path.name)) for field in fields]
-        return Channels(path.name, _channels(columns, path.name), left_out=tuple(left_out))
+    with _opened(path) as file:
+        columns = _columns(file, path)
+        channels = tuple(_channel(file, column, number, path) for number, column in enumerate(columns))
+        left_out = tuple(f"{field.name} ({field.type})" for field in file.schema_arrow if not _is_channel(field.type))
+    return Channels(path.name, channels, left_out=left_out)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator["pq.ParquetFile"]:
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    limit = path.stat().st_size  # no text or list of the metadata is longer than the file
+    bounds = {"thrift_string_size_limit": limit, "thrift_container_size_limit": limit}
+    with (
+        refusing(path.name, "a Parquet file"),
+        pq.ParquetFile(path, **bounds, pre_buffer=False, buffer_size=_BUFFER) as file,
+    ):
+        yield file
 
 
 def _is_channel(kind: "pa.DataType") -> bool:
@@ -64,63 +89,89 @@ def _is_duration(kind: "pa.DataType") -> bool:
     return bool(pa.types.is_duration(kind) or pa.types.is_time(kind))
 
 
-def _require_plausible(metadata: "pq.FileMetaData", names: list[str], path: Path) -> None:
-    require_distinct(names, path.name)
-    require_plausible_channels([(name, metadata.num_rows) for name in names], path.name)
-    require_plausible_expansion(8 * metadata.num_rows * len(names), path.stat().st_size, path.name)
+@dataclass(frozen=True, slots=True)
+class _Column:
+    field: "pa.Field"
+    where: str  # for messages
+    first: int | None = None  # of instants: the first of them, in the unit of the column
+    zero: int = 0  # that they are counted from [ns since 1970]
 
 
-def _column(file: "pq.ParquetFile", field: "pa.Field", where: str) -> "pa.ChunkedArray":
-    column = file.read([field.name], use_threads=False).column(0)
-    if len(column) != file.metadata.num_rows:
-        raise RecordingFormatError(
-            f"{where}, {field.name}: expected {file.metadata.num_rows} rows as the file says; got {len(column)}"
-        )
-    return column
-
-
-def _channels(columns: list[tuple["pa.Field", "pa.ChunkedArray"]], where: str) -> tuple[Channel, ...]:
+def _columns(file: "pq.ParquetFile", path: Path) -> list[_Column]:
     """Return the columns; instants count from the earliest of all columns with a zone, or of all without one."""
+    fields = [field for field in file.schema_arrow if _is_channel(field.type)]
+    names, n_rows = [field.name for field in fields], file.metadata.num_rows
+    require_distinct(names, path.name)
+    require_plausible_channels([(name, n_rows) for name in names], path.name)
+    require_plausible_expansion(8 * n_rows * len(names), path.stat().st_size, path.name)
+    columns = [_column(file, field, f"{path.name}, {field.name}") for field in fields]
+    zeros: dict[bool, int] = {}  # by whether the column has a zone
+    for column in columns:
+        if column.first is not None:
+            has_zone = column.field.type.tz is not None
+            zeros[has_zone] = min(column.zero, zeros.get(has_zone, column.zero))
+    return [
+        column if column.first is None else replace(column, zero=zeros[column.field.type.tz is not None])
+        for column in columns
+    ]
+
+
+def _column(file: "pq.ParquetFile", field: "pa.Field", where: str) -> _Column:
     import pyarrow as pa  # noqa: PLC0415
 
-    zeros: dict[bool, int] = {}  # by whether the column has a zone [ns since 1970]
-    for field, column in columns:
-        if pa.types.is_timestamp(field.type):
-            if column.null_count or not len(column):
-                raise RecordingFormatError(f"{where}, {field.name}: expected an instant in each row; some are missing")
-            first, has_zone = column[0].value * (10**9 // _PER_SECOND[field.type.unit]), field.type.tz is not None
-            zeros[has_zone] = min(first, zeros.get(has_zone, first))
-    return tuple(
-        _clock(field, column, zeros[field.type.tz is not None])
-        if pa.types.is_timestamp(field.type)
-        else _of_numbers(field, column)
-        for field, column in columns
-    )
+    if not pa.types.is_timestamp(field.type):
+        return _Column(field, where)
+    instants = next(_numbers(file, _Column(field, where, 0)), None)
+    if instants is None:
+        raise RecordingFormatError(f"{where}: expected an instant in each row; some are missing")
+    first = int(instants[0])
+    return _Column(field, where, first, first * (10**9 // _PER_SECOND[field.type.unit]))
 
 
-def _of_numbers(field: "pa.Field", column: "pa.ChunkedArray") -> Channel:
+def _numbers(file: "pq.ParquetFile", column: _Column) -> Iterator[npt.NDArray[Any]]:
+    """Yield the numbers of a column as they are stored; a missing one is NaN, and refused among instants."""
     import pyarrow as pa  # noqa: PLC0415
 
-    if _is_duration(field.type):
-        whole = column.cast(pa.int32() if field.type.bit_width == 32 else pa.int64())
-        return Channel(field.name, native_samples(whole.to_numpy() / np.float64(_PER_SECOND[field.type.unit])), "s")
-    if pa.types.is_decimal(field.type):
-        column = column.cast(pa.float64())
-    return Channel(field.name, native_samples(column.to_numpy()), _unit(field))
+    kind = column.field.type
+    for batch in file.iter_batches(PIECE, columns=[column.field.name], use_threads=False):
+        values = batch.column(0)
+        if column.first is not None and values.null_count:
+            raise RecordingFormatError(f"{column.where}: expected an instant in each row; some are missing")
+        if column.first is not None or _is_duration(kind):
+            values = values.cast(pa.int32() if kind.bit_width == 32 else pa.int64())
+        elif pa.types.is_decimal(kind):
+            values = values.cast(pa.float64())
+        if len(values):
+            yield values.to_numpy(zero_copy_only=False)
+
+
+def _samples_of(file: "pq.ParquetFile", column: _Column) -> Iterator[SampleArray]:
+    kind = column.field.type
+    for numbers in _numbers(file, column):
+        if column.first is not None:
+            late = (column.first * (10**9 // _PER_SECOND[kind.unit]) - column.zero) / 1e9
+            yield native_samples((numbers - column.first) / np.float64(_PER_SECOND[kind.unit]) + late)
+        else:
+            yield native_samples(numbers / np.float64(_PER_SECOND[kind.unit]) if _is_duration(kind) else numbers)
+
+
+def _pieces(path: Path, wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
+    with _opened(path) as file:
+        columns = _columns(file, path)
+        for number in wanted:
+            yield from ((number, piece) for piece in _samples_of(file, columns[number]))
+
+
+def _channel(file: "pq.ParquetFile", column: _Column, number: int, path: Path) -> Channel:
+    field = column.field
+    samples = stored_samples((file.metadata.num_rows,), _samples_of(file, column), number, partial(_pieces, path))
+    if column.first is None:
+        return Channel(field.name, samples, "s" if _is_duration(field.type) else _unit(field))
+    # without a zone, the file does not say when it was; what is finer than a datetime tells is left to the seconds
+    at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=column.zero // 1000)
+    return Channel(field.name, samples, "s", ChannelTime(None if field.type.tz is None else at))
 
 
 def _unit(field: "pa.Field") -> str | None:
     stated = {key.decode().lower(): value.decode() for key, value in (field.metadata or {}).items()}
     return stated.get("unit") or stated.get("units") or None
-
-
-def _clock(field: "pa.Field", column: "pa.ChunkedArray", zero: int) -> Channel:
-    """Return a column of instants as seconds from a zero, which is counted in nanoseconds since 1970."""
-    import pyarrow as pa  # noqa: PLC0415
-
-    instants, per_second = column.cast(pa.int64()).to_numpy(), _PER_SECOND[field.type.unit]
-    late = (int(instants[0]) * (10**9 // per_second) - zero) / 1e9
-    samples = native_samples((instants - instants[0]) / np.float64(per_second) + late)
-    # without a zone, the file does not say when it was; what is finer than a datetime tells is left to the seconds
-    at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=zero // 1000) if field.type.tz is not None else None
-    return Channel(field.name, samples, "s", ChannelTime(at))

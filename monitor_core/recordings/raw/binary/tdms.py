@@ -1,20 +1,23 @@
 """Read TDMS files of LabVIEW and DAQmx through npTDMS (extra ``tdms``): channels are named ``group/channel``."""
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from monitor_core.arrays import SampleArray
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
 from monitor_core.recordings.raw.channel_time import even_time
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import PIECE, Channel, Channels, Stored, native_samples, stored_samples
 
 if TYPE_CHECKING:
-    from nptdms import TdmsChannel
+    from nptdms import TdmsChannel, TdmsFile
 
 #: Zero of TDMS time stamps. LabVIEW writes it where it knows no time, for instance with relative time.
 _NO_TIME = np.datetime64("1904-01-01T00:00:00")
@@ -39,7 +42,7 @@ def read_channels(path: Path) -> Channels:
     promises more samples than it can hold; ``MissingReaderError`` if npTDMS is not installed.
     """
     try:
-        from nptdms import TdmsFile  # noqa: PLC0415
+        import nptdms  # noqa: F401, PLC0415
         from nptdms.log import log_manager  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingReaderError(
@@ -50,11 +53,10 @@ def read_channels(path: Path) -> Channels:
     n_bytes = require_file(path).stat().st_size
     _require_whole_segments(path, n_bytes)
     channels, left_out = list[Channel](), list[str]()
-    # opened here, because npTDMS would prefer a neighbouring *.tdms_index, which may be of another recording
-    with refusing(path.name, "a TDMS file"), path.open("rb") as stream, TdmsFile.open(stream) as file:
+    with _opened(path) as file:
         if file.file_status.channel_statuses is not None:
             raise RecordingFormatError(f"{path.name}: expected whole chunks of samples; the last one is cut off")
-        for channel in (c for group in file.groups() for c in group.channels()):
+        for number, channel in enumerate(_all_channels(file)):
             name = f"{channel.group_name}/{channel.name}"
             for properties in (channel.properties, file[channel.group_name].properties, file.properties):
                 _require_known_scales(properties, f"{path.name}, {name}")
@@ -68,8 +70,35 @@ def read_channels(path: Path) -> Channels:
                     f"{path.name}, {name}: expected {len(channel)} samples as its header says; "
                     f"got {n_bytes} bytes in all"
                 )
-            channels.append(_channel(channel, name, path.name))
+            samples = stored_samples((len(channel),), _samples_of(channel), number, partial(_pieces, path))
+            channels.append(_channel(channel, name, samples, path.name))
     return Channels(path.name, tuple(channels), left_out=tuple(left_out))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator["TdmsFile"]:
+    from nptdms import TdmsFile  # noqa: PLC0415
+
+    # opened here, because npTDMS would prefer a neighbouring *.tdms_index, which may be of another recording
+    with refusing(path.name, "a TDMS file"), path.open("rb") as stream, TdmsFile.open(stream) as file:
+        yield file
+
+
+def _all_channels(file: "TdmsFile") -> list["TdmsChannel"]:
+    return [channel for group in file.groups() for channel in group.channels()]
+
+
+def _samples_of(channel: "TdmsChannel") -> Iterator[SampleArray]:
+    for start in range(0, len(channel), PIECE):
+        yield native_samples(channel[start : start + PIECE])
+
+
+def _pieces(path: Path, wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
+    with _opened(path) as file:
+        channels = _all_channels(file)
+        for number in wanted:
+            for piece in _samples_of(channels[number]):
+                yield number, piece
 
 
 def _require_whole_segments(path: Path, n_bytes: int) -> None:
@@ -101,7 +130,7 @@ def _require_known_scales(properties: Mapping[str, object], where: str) -> None:
             raise RecordingFormatError(f"{where}: expected a known scale in {key}; got {scale!r}")
 
 
-def _channel(channel: "TdmsChannel", name: str, file_name: str) -> Channel:
+def _channel(channel: "TdmsChannel", name: str, samples: SampleArray | Stored, file_name: str) -> Channel:
     properties = channel.properties
     increment = properties.get("wf_increment")
     if increment is not None and not (np.isfinite(increment) and increment > 0.0):
@@ -110,7 +139,7 @@ def _channel(channel: "TdmsChannel", name: str, file_name: str) -> Channel:
     rate = None if increment is None else 1.0 / float(increment)
     return Channel(
         name=name,
-        samples=native_samples(channel[:]),
+        stored=samples,
         unit=properties.get("unit_string") or None,
         time=even_time(len(channel), rate, offset, _zero(properties.get("wf_start_time"))),
     )

@@ -147,7 +147,7 @@ def _require_time_base(header: _Header, where: str) -> None:
 def _channel(data_set: _DataSet, name: str) -> Channel:
     return Channel(
         name=name,
-        samples=native_samples(data_set["data"]),
+        stored=native_samples(data_set["data"]),
         unit=_unit(data_set["ordinate_axis_units_lab"]),
         time=even_time(data_set["num_pts"], 1.0 / data_set["abscissa_inc"], data_set["abscissa_min"]),
     )

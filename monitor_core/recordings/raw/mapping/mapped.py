@@ -136,7 +136,7 @@ def _part(channel: Channel, row: int | None, column: int | None, file_name: str)
     if time.runs:
         run = time.runs[number] if row is not None and len(time.runs) == there else time.runs[0]
         time = replace(time, runs=(replace(run, n_samples=taken.size),))
-    return replace(channel, samples=taken, name=f"{channel.name}, {word} {number + 1}", time=time)
+    return replace(channel, stored=taken, name=f"{channel.name}, {word} {number + 1}", time=time)
 
 
 def _times(

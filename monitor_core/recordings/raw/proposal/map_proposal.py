@@ -79,7 +79,7 @@ def _in_file(channels: Channels, parts: Sequence[Part]) -> Iterator[str]:
 
 def _described(part: Part, started_at: datetime | None) -> str:
     channel = part.channel
-    facts = [f"shape {'x'.join(map(str, part.samples.shape))}"]
+    facts = [f"shape {'x'.join(map(str, part.shape))}"]
     facts.append(plain(channel.unit) if channel.unit else "no unit")
     if channel.time.rates:
         facts.append(" then ".join(f"{rate:g} Hz" for rate in channel.time.rates))
@@ -87,7 +87,7 @@ def _described(part: Part, started_at: datetime | None) -> str:
         facts.append(f"from {started_at.isoformat()}")
     if channel.time.clock is not None:
         facts.append(f"times in {plain(channel.time.clock)}")
-    facts.append("first " + ", ".join(f"{value:g}" for value in part.samples.reshape(-1)[:3]))
+    facts.append("first " + ", ".join(f"{value:g}" for value in part.head.reshape(-1)[:3]))
     looks = f" ({part.kind}-like)" if part.kind is not None else ""
     place = f", {part.entry} {part.number}" if part.entry else ""
     return f"{plain(channel.name)}{place}: {', '.join(facts)}{looks}"
@@ -100,11 +100,11 @@ def _text_entries(layout: TextLayout) -> Iterator[MapEntry]:
 
 def _session_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Channels) -> Iterator[MapTable]:
     excitation, response = signals_in(parts)
-    shapes = {part.samples.shape for part in (excitation, response) if part is not None}
-    alike = [part for part in parts if part.samples.shape in shapes or not shapes]
+    shapes = {part.shape for part in (excitation, response) if part is not None}
+    alike = [part for part in parts if part.shape in shapes or not shapes]
     position = first_like(alike, (ChannelKind.POSITION,), (excitation, response))
     lengths = {max(shape) for shape in shapes}
-    fitting = [part for part in parts if part.samples.size in lengths or not lengths]
+    fitting = [part for part in parts if part.size in lengths or not lengths]
     times: Part | TextTimes | None = first_like(fitting, (ChannelKind.TIME,), (excitation, response, position)) or texts
     yield MapTable("excitation", tuple(_excitation_entries(excitation, parts)))
     acceleration = tuple(channel_entries(response, Quantity.ACCELERATION, parts))
@@ -136,7 +136,7 @@ def _excitation_entries(part: Part | None, parts: Sequence[Part]) -> Iterator[Ma
 def _window_lines(
     signals: Sequence[Part], times: Part | TextTimes | None, channels: Channels, *, has_position: bool
 ) -> Iterator[MapEntry | str]:
-    arrays = [part.samples for part in signals if part.samples.ndim == 2]
+    arrays = [part.shape for part in signals if len(part.shape) == 2]
     rates = [rate for part in signals for rate in part.channel.time.rates]
     timed = [*signals, *([times] if isinstance(times, Part) else [])]
     starts = [start for part in timed if (start := channels.started_at(part.channel)) is not None]
@@ -156,8 +156,8 @@ def _window_lines(
         yield _POSITION
         yield number("position_span_mm", "0.0", "travel of the table during a window; 0 where it stood still")
     if arrays:
-        in_rows = arrays[0].shape[0] <= arrays[0].shape[1]
-        shape = "x".join(map(str, arrays[0].shape))
+        in_rows = arrays[0][0] <= arrays[0][1]
+        shape = "x".join(map(str, arrays[0]))
         yield MapEntry("windows_in", "rows" if in_rows else "columns", f"the array is {shape}")
         yield missing("window_interval_s", "from the start of one window to the start of the next")
     else:

@@ -1,5 +1,6 @@
 """What is in a raw file that may be given a meaning, and what it seems to be."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,10 +16,7 @@ from monitor_core.recordings.raw.channel_kind import (
     kind_of,
     unit_in_name,
 )
-from monitor_core.recordings.raw.channels import Channel, Channels
-
-#: Arrays with so few rows or columns hold a channel in each of them, not a window.
-_MOST_CHANNELS_IN_ARRAY = 16
+from monitor_core.recordings.raw.channels import MOST_CHANNELS_IN_ARRAY, Channel, Channels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,10 +24,21 @@ class Part:
     """A channel, or a row or column of an array, that may be given a meaning."""
 
     channel: Channel
-    samples: SampleArray
+    shape: tuple[int, ...]
+    head: SampleArray  # its first samples
     kind: ChannelKind | None
     entry: str | None = None  # "row" or "column", where it is one of an array
     number: int = 0  # counted from 1
+
+    @property
+    def size(self) -> int:
+        """How many samples it has."""
+        return math.prod(self.shape)
+
+    @property
+    def varies(self) -> bool:
+        """Whether it is not one value throughout."""
+        return self.channel.varies if self.entry is None else bool(np.ptp(self.head) != 0.0)
 
     @property
     def unit(self) -> str | None:
@@ -67,16 +76,16 @@ def _is_motion(parts: Sequence[Part]) -> bool:
 def parts_of(channels: Channels) -> list[Part]:
     """Return what may be given a meaning: channels, and the rows or columns of a single array of few of them."""
     parts = []
-    arrays = [channel for channel in channels.channels if channel.samples.ndim == 2]
+    arrays = [channel for channel in channels.channels if len(channel.shape) == 2]
     for channel in channels.channels:
-        samples = channel.samples
-        if samples.ndim == 2 and len(arrays) == 1 and 1 < min(samples.shape) <= _MOST_CHANNELS_IN_ARRAY:
-            in_rows = samples.shape[0] < samples.shape[1]
-            for number, values in enumerate(samples if in_rows else samples.T, start=1):
+        shape, head = channel.shape, channel.head
+        if len(shape) == 2 and len(arrays) == 1 and 1 < min(shape) <= MOST_CHANNELS_IN_ARRAY:
+            in_rows = shape[0] < shape[1]
+            for number, values in enumerate(head if in_rows else head.T, start=1):
                 kind = kind_of(str(number), None, values) or kind_of(channel.name, channel.unit, values)
-                parts.append(Part(channel, values, kind, "row" if in_rows else "column", number))
+                parts.append(Part(channel, (max(shape),), values, kind, "row" if in_rows else "column", number))
         else:
-            parts.append(Part(channel, samples, kind_of(channel.name, channel.unit, samples)))
+            parts.append(Part(channel, shape, head, kind_of(channel.name, channel.unit, head)))
     return parts
 
 
@@ -84,10 +93,8 @@ def signals_in(parts: Sequence[Part]) -> tuple[Part | None, Part | None]:
     """Return what may be excitation and response: by what they look like, else in the order of the file."""
     excitation = first_like(parts, (ChannelKind.TORQUE, ChannelKind.FORCE))
     response = first_like(parts, (ChannelKind.ACCELERATION,))
-    longest = max((part.samples.size for part in parts), default=0)
-    left = [
-        part for part in parts if part.kind is None and part.samples.size == longest and np.ptp(part.samples) != 0.0
-    ]
+    longest = max((part.size for part in parts), default=0)
+    left = [part for part in parts if part.kind is None and part.size == longest and part.varies]
     if excitation is None and left:
         excitation = left.pop(0)
     if response is None and left:

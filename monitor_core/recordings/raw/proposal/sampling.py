@@ -10,9 +10,9 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
-from monitor_core.recordings.raw.channel_kind import MOST_STEPS, ChannelKind, names_other_unit
+from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit
 from monitor_core.recordings.raw.channel_time import GAP, printed_digit, time_of_samples
-from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.channels import HEAD, Channels
 from monitor_core.recordings.raw.inspection import step_of
 from monitor_core.recordings.raw.mapping.times import times_of
 from monitor_core.recordings.raw.proposal.entries import (
@@ -64,7 +64,7 @@ class StatedRate:
 def rate_of_numbers(channels: Channels) -> StatedRate | None:
     """Return the rate that single numbers of the file seem to state; None where none does, or they contradict."""
     stated_rates, numbers = list[StatedRate](), dict(channels.numbers)
-    numbers |= {c.name: float(c.samples.flat[0]) for c in channels.channels if c.samples.size and not np.ptp(c.samples)}
+    numbers |= {c.name: float(c.head.flat[0]) for c in channels.channels if c.head.size and not c.varies}
     for name, value in numbers.items():
         last = re.sub(r"[-_\s]", "", name.rpartition(".")[2].lower())
         if last in _NAMES_OF_RATE and value > 0.0:
@@ -120,13 +120,13 @@ def _text_time_entries(times: TextTimes) -> Iterator[MapEntry]:
 
 def _counts(times: Part) -> bool:
     """Tell whether values are 0, 1, 2, …: the number of a sample, of which the rate is not known."""
-    start = times.samples[:1000]
+    start = times.head[:1000]
     return start.size > 1 and bool((np.diff(start) == 1.0).all()) and float(start[0]) in (0.0, 1.0)
 
 
 def _unit_of_times(times: Part) -> tuple[str | None, Mark, str]:
     """Return the unit of sampling times, as stated, else the first in which the rate is one of recordings; and why."""
-    factors, step = FACTOR_TO_SI[Quantity.TIME], step_of(times.samples)
+    factors, step = FACTOR_TO_SI[Quantity.TIME], step_of(times.head)
     unit = times.unit if times.unit in factors else None
     if unit is not None and canonical_unit(times.channel.unit) is not None:
         return unit, Mark.STATED, "as the file says"
@@ -143,8 +143,8 @@ def rate_of_texts(times: TextTimes, channels: Channels) -> float | None:
     """Return the rate of texts of a date and time [Hz]; None where they say none."""
     if times.form is None:
         return None
-    texts = channels.text(times.channel)[:MOST_STEPS]
-    dates = None if times.date is None else channels.text(times.date)[:MOST_STEPS]
+    texts = channels.text(times.channel)[:HEAD]
+    dates = None if times.date is None else channels.text(times.date)[:HEAD]
     try:
         seconds, _ = times_of(texts, times.form, None if times.has_zone else UTC, dates, channels.file_name)
     except RecordingFormatError:
@@ -174,10 +174,10 @@ def cutting_entry(signals: Sequence[Part], times: Part | TextTimes | None, rate_
     if rate is None and isinstance(times, Part):
         unit, *_ = _unit_of_times(times)
         if unit is not None:
-            start, factor = times.samples.reshape(-1)[:MOST_STEPS], FACTOR_TO_SI[Quantity.TIME][unit]
+            start, factor = times.head.reshape(-1), FACTOR_TO_SI[Quantity.TIME][unit]
             rate = _mean_rate(start.astype(np.float64) * factor, printed_digit(start) * factor)
     rate = rate_elsewhere if rate is None else rate
-    size = max((part.samples.size for part in signals), default=0)
+    size = max((part.size for part in signals), default=0)
     if rate is None or not _FEWEST_WINDOWS * rate <= size:
         remark = "cuts a long record: a measurement is an average of several"
         return number("samples_per_window", "20000", remark, Mark.OPTIONAL)

@@ -7,15 +7,16 @@ with any line end. What is not plain is said by a layout, ``[text]`` of a channe
 Exports of programs that name themselves in their first lines (LVM, TwinCAT) need no layout.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from monitor_core.arrays import BoolArray
+from monitor_core.arrays import BoolArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import listed, require_file
 from monitor_core.recordings.raw.channel_time import ChannelTime
-from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
+from monitor_core.recordings.raw.channels import Channel, Channels, Stored, require_distinct
 from monitor_core.recordings.raw.text import lvm, twincat
 from monitor_core.recordings.raw.text.layout import (
     DECIMALS,
@@ -33,6 +34,7 @@ from monitor_core.recordings.raw.text.table import (
     Rows,
     Table,
     TableForm,
+    Watch,
     has_thousands,
     is_number,
     read_table,
@@ -75,23 +77,24 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
     raise RecordingFormatError(_refusal(path, plain, proposal))
 
 
-def read_as_proposed(path: Path) -> tuple[Channels, TextLayout | None]:
+def read_as_proposed(path: Path, watch: Watch | None = None) -> tuple[Channels, TextLayout | None]:
     """Read a text in the layout that is proposed for it, for a person to confirm; None where it is plain.
 
-    A text that is plain but for blank cells is read in its layout, too: they are NaN. Raises as :func:`read_channels`,
-    and if no rows of numbers are found.
+    A text that is plain but for blank cells is read in its layout, too: they are NaN. Of a long one, the samples stay
+    in the file; ``watch`` sees them while it is gone through. Raises as :func:`read_channels`, and if no rows of
+    numbers are found.
     """
     if (channels := _export_of_program(path)) is not None:
         return channels, None
     proposal = propose(path)
     if proposal.reasons:
-        return _read_with_layout(path, proposal.layout), proposal.layout
+        return _read_with_layout(path, proposal.layout, watch), proposal.layout
     try:
-        return _read_plain(path), None
+        return _read_plain(path, watch), None
     except RecordingFormatError as error:
         plain = error
     try:
-        return _read_with_layout(path, proposal.layout), proposal.layout
+        return _read_with_layout(path, proposal.layout, watch), proposal.layout
     except RecordingFormatError:
         raise plain from None
 
@@ -126,7 +129,7 @@ def _refusal(path: Path, plain: str, proposal: TextProposal) -> str:
     return f"{plain}; the file has {what}: {command} writes a channel map with a table [text] that says so"
 
 
-def _read_plain(path: Path) -> Channels:
+def _read_plain(path: Path, watch: Watch | None = None) -> Channels:
     rows = Rows(path)
     line = next(iter(rows.ahead(1)), None)
     if line is None or not line.strip():
@@ -149,10 +152,14 @@ def _read_plain(path: Path) -> Channels:
     if not any(line.strip() for line in rows.ahead(1)):
         raise RecordingFormatError(f"{path.name}, row {rows.row}: expected numbers under the header; got none")
     form = TableForm(tuple(names), separator, blanks=pairs is not None)
-    return _channels(path.name, form, read_table(rows.blocks(), form, f"{path.name}, row"), pairs, units)
+    watch = None if pairs else watch
+    table = read_table(rows.blocks(), form, f"{path.name}, row", watch)
+    return _channels(
+        path, form, table, pairs=pairs, units=units, again=None if watch is None else partial(_read_plain, path)
+    )
 
 
-def _read_with_layout(path: Path, layout: TextLayout) -> Channels:
+def _read_with_layout(path: Path, layout: TextLayout, watch: Watch | None = None) -> Channels:
     if layout.sheet is not None:
         raise RecordingFormatError(f"{path.name}: expected no sheet in [text] of a text file; got {layout.sheet!r}")
     rows, decimal = Rows(path, layout.encoding), DECIMALS[layout.decimal]
@@ -178,7 +185,10 @@ def _read_with_layout(path: Path, layout: TextLayout) -> Channels:
     trailing = all(len(row) == len(names) + 1 and not row[-1] for row in cells)
     form = TableForm(tuple(names), separator, decimal, texts, quotes=True, blanks=pairs is not None,
                      gaps=pairs is None, trailing=trailing, comment=layout.comment)  # fmt: skip
-    return _channels(path.name, form, read_table(rows.blocks(), form, f"{path.name}, row"), pairs, units)
+    watch = None if pairs else watch
+    table = read_table(rows.blocks(), form, f"{path.name}, row", watch)
+    again = None if watch is None else partial(_read_with_layout, path, layout)
+    return _channels(path, form, table, pairs=pairs, units=units, again=again)
 
 
 def _separator(layout: TextLayout, line: str) -> str | None:
@@ -252,16 +262,26 @@ def _may_be_number(cells: Sequence[str], i: int, decimal: str) -> bool:
 
 
 def _channels(
-    file_name: str, form: TableForm, table: Table, pairs: Mapping[int, int] | None, units: Mapping[int, str]
+    path: Path,
+    form: TableForm,
+    table: Table,
+    *,
+    pairs: Mapping[int, int] | None,
+    units: Mapping[int, str],
+    again: Callable[[], Channels] | None,
 ) -> Channels:
     """Return the channels of a table; where each has its own times, rows without time and value hold no sample of it.
 
+    ``again`` reads the file with all samples, where the beginning alone was kept of them.
     ``RecordingFormatError`` if a value has no time, or a time no value.
     """
-    names, channels = form.names, []
-    for i, samples in table.numbers.items():
+    file_name, names, channels = path.name, form.names, list[Channel]()
+    for number, (i, samples) in enumerate(table.numbers.items()):
         if pairs is None:
-            channels.append(Channel(names[i], samples, units.get(i)))
+            stored: Stored | SampleArray = samples
+            if again is not None and samples.size < table.n_rows:
+                stored = Stored((table.n_rows,), samples, number, partial(_pieces, again))
+            channels.append(Channel(names[i], stored, units.get(i)))
             continue
         blank, clock = table.blank.get(i), pairs.get(i)
         if clock is not None and not _equal(blank, table.blank.get(clock)):
@@ -275,6 +295,12 @@ def _channels(
             Channel(names[i], held, units.get(i), time=ChannelTime(clock=None if clock is None else names[clock]))
         )
     return Channels(file_name, tuple(channels), texts={names[i]: texts for i, texts in table.texts.items()})
+
+
+def _pieces(again: Callable[[], Channels], wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
+    channels = again().channels
+    for number in wanted:
+        yield number, channels[number].samples
 
 
 def _equal(blank: BoolArray | None, other: BoolArray | None) -> bool:
