@@ -195,10 +195,10 @@ class _Seen:
 
     def add(self, window: Window) -> None:
         """Note the channels of a window."""
-        units = {"excitation": EXCITATION_UNIT[window.excitation_quantity], "response": RESPONSE_UNIT}
+        found = {"excitation": EXCITATION_UNIT[window.excitation_quantity], "response": RESPONSE_UNIT}
         if window.position_trace is not None:
-            units["position"] = "m"
-        for name, unit in units.items():
+            found["position"] = "m"
+        for name, unit in found.items():
             key = (name, unit, window.sample_rate)
             self._n_samples[key] += window.n_samples
             self._first.setdefault(key, window.started_at)
