@@ -92,6 +92,15 @@ def measured_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def hard_cases() -> Path:
+    """Folder of small files that are read wrongly by the first reader that comes to mind."""
+    folder = PROJECT_ROOT.parent / "shared" / "data" / "cases"
+    if not folder.is_dir():
+        pytest.skip(f"no cases at {folder}")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def published_data() -> Path:
     """Folder of the papers' tables."""
     return PROJECT_ROOT / "replay_data" / "published"

@@ -176,7 +176,7 @@ def _atom(word: str) -> Unit | None:
         if word.startswith(prefix) and word[len(prefix) :] in _WITH_PREFIX:
             of_word, powers = _ATOMS[word[len(prefix) :]]
             return Unit(factor * of_word, _sorted(powers))
-    if word.lower() in _WORDS and (len(word) > 2 or word.lower() == word):
+    if word.lower() in _WORDS and (len(word) > 2 or word[0] == "°" or word.islower()):
         return _read(_TOKEN.findall(_WORDS[word.lower()]))
     if (match := re.fullmatch(r"([mkM]?N)([mc]?m)", word)) is not None:  # a torque without a sign between: Nm
         return _read([match[1], ".", match[2]])

@@ -96,6 +96,7 @@ class Channel:
     unit: str | None = None  # as spelled in the file
     time: ChannelTime = field(default_factory=ChannelTime)
     gaps: str = ""  # why some of the samples are NaN, where the file says it
+    measures: str | None = None  # unit of SI of what the file says that it is, where it states no unit
 
     def __post_init__(self) -> None:
         if not isinstance(self.stored, Stored):
@@ -145,6 +146,7 @@ class FrequencyResponse:
     response: ComplexArray  # shape (n_lines,), in the units of the file
     response_unit: str | None = None  # of the response alone, as spelled in the file
     reference_unit: str | None = None  # of what it is divided by
+    measures: str | None = None  # unit of SI of what the file says that it is, where it states no unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)

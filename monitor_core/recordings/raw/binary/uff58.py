@@ -34,6 +34,10 @@ _HERTZ = frozenset(("hz", "hertz", "1/s", "none", ""))
 _SECONDS = frozenset(("s", "sec", "second", "seconds", "none", ""))  # record 8; time is in seconds by definition
 
 
+#: Specific data types of records 8 and 9, by their unit of SI.
+_MEASURES = {5: "K", 8: "m", 9: "N", 11: "m/s", 12: "m/s2", 13: "N", 15: "Pa"}
+
+
 class _Header(TypedDict):
     """What pyuff reads from the header of a data set 58, as far as it is used."""
 
@@ -47,6 +51,8 @@ class _Header(TypedDict):
     abscissa_axis_units_lab: str
     ordinate_axis_units_lab: str
     orddenom_axis_units_lab: str
+    ordinate_spec_data_type: int
+    orddenom_spec_data_type: int
 
 
 class _DataSet(_Header):
@@ -149,6 +155,7 @@ def _channel(data_set: _DataSet, name: str) -> Channel:
         name=name,
         stored=native_samples(data_set["data"]),
         unit=_unit(data_set["ordinate_axis_units_lab"]),
+        measures=_MEASURES.get(data_set["ordinate_spec_data_type"]),
         time=even_time(data_set["num_pts"], 1.0 / data_set["abscissa_inc"], data_set["abscissa_min"]),
     )
 
@@ -160,12 +167,14 @@ def _response(data_set: _DataSet, name: str, where: str) -> FrequencyResponse:
     frequency = np.asarray(data_set["x"], np.float64)
     if frequency.size != data_set["num_pts"] or not np.all(np.diff(frequency) > 0.0):
         raise RecordingFormatError(f"{where}: expected {data_set['num_pts']} rising frequencies; got others")
+    above, below = (_MEASURES.get(data_set[key]) for key in ("ordinate_spec_data_type", "orddenom_spec_data_type"))
     return FrequencyResponse(
         name=name,
         frequency=read_only(frequency),
         response=read_only_complex(data_set["data"]),
         response_unit=_unit(data_set["ordinate_axis_units_lab"]),
         reference_unit=_unit(data_set["orddenom_axis_units_lab"]),
+        measures=None if above is None or below is None else f"({above})/({below})",
     )
 
 

@@ -8,7 +8,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, Unit, canonical_unit, unit_of
+from monitor_core.recordings.elements.units import (
+    FACTOR_TO_SI,
+    Quantity,
+    Unit,
+    canonical_unit,
+    is_raw,
+    unit_of,
+)
 from monitor_core.recordings.raw.channel_kind import unit_in_name
 from monitor_core.recordings.raw.channels import Channel, FrequencyResponse
 from monitor_core.recordings.raw.mapping.map_records import MappedChannel
@@ -25,7 +32,9 @@ def resolved(source: MappedChannel, channel: Channel, where: str) -> MappedChann
 
     ``RecordingFormatError`` if file and map contradict each other, or if neither states the unit.
     """
-    return _with_unit(source, agreed_unit(channel.unit, unit_in_name(channel.name), _said(source), where), where)
+    source = _with_unit(source, agreed_unit(channel.unit, unit_in_name(channel.name), _said(source), where), where)
+    _require_measured(channel.measures if unit_of(channel.unit) is None else None, source, where)
+    return source
 
 
 def resolved_response(source: MappedChannel, response: FrequencyResponse, where: str) -> MappedChannel:
@@ -36,7 +45,18 @@ def resolved_response(source: MappedChannel, response: FrequencyResponse, where:
         stated = f"({above})/({below})"
     elif unit_of(above) is not None:
         stated = _quotient_of(str(above), unit_of(source.unit))
-    return _with_unit(source, agreed_unit(stated, unit_in_name(response.name), _said(source), where), where)
+    source = _with_unit(source, agreed_unit(stated, unit_in_name(response.name), _said(source), where), where)
+    _require_measured(response.measures if stated is None else None, source, where)
+    return source
+
+
+def _require_measured(measures: str | None, source: MappedChannel, where: str) -> None:
+    """Refuse a unit of another quantity than the file names, where it names no unit; a raw unit says none."""
+    named, said = unit_of(measures), unit_of(source.unit)
+    if named is not None and said is not None and named.powers != said.powers and not is_raw(source.unit):
+        raise RecordingFormatError(
+            f"{where}: expected {source.unit!r} as the map says; the file says that it is a quantity in {measures!r}"
+        )
 
 
 def agreed_unit(of_file: str | None, of_name: str | None, in_map: str, where: str) -> str:

@@ -4,16 +4,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from monitor_core.recordings.elements.units import RAW_UNITS, Quantity, canonical_unit
+from monitor_core.recordings.elements.units import Quantity, canonical_unit, is_raw
 from monitor_core.recordings.raw.channel_kind import ChannelKind, units_of
 from monitor_core.recordings.raw.proposal.parts import Part
 
 #: Usual sensitivities: how their unit is written, by what is measured and the raw unit.
 _SENSITIVITY_UNITS = {
-    Quantity.TORQUE: {"A": "N.m/A", "mA": "N.m/A", "V": "V/N.m", "mV": "mV/N.m"},
+    Quantity.TORQUE: {"A": "N.m/A", "mA": "N.m/A", "V": "V/N.m", "mV": "mV/N.m", "%": "N.m/100%"},
     Quantity.FORCE: {"A": "N/A", "mA": "N/A", "V": "mV/N", "mV": "mV/N"},
     Quantity.ACCELERATION: {"V": "mV/g", "mV": "mV/g"},
-    Quantity.POSITION: {"V": "V/mm", "mV": "mV/mm"},
+    Quantity.POSITION: {"V": "V/mm", "mV": "mV/mm", "deg": "mm/rev", "rad": "mm/rev", "rev": "mm/rev"},
 }
 
 
@@ -148,9 +148,10 @@ def channel_entries(part: Part | None, quantity: Quantity | None, parts: Sequenc
         yield MapEntry("unit", unit, "as the file says", Mark.STATED)
     else:
         yield MapEntry("unit", unit, "as the name of the channel says")
-    if unit in RAW_UNITS:
+    if is_raw(unit):
         usual = None if quantity is None else _SENSITIVITY_UNITS[quantity].get(unit)
-        yield missing("sensitivity", "how much of it is one unit of the quantity, or the other way round")
+        of_what = "rated value, that of 100 %" if unit == "%" else "how much of it is one unit of the quantity"
+        yield missing("sensitivity", f"{of_what}{'' if unit == '%' else ', or the other way round'}")
         if usual is None:
             yield missing("sensitivity_unit", f'such as "{unit}/N" or "N/{unit}"')
         else:
