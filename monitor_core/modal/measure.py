@@ -363,7 +363,8 @@ def session_remarks(measurements: Sequence[ModalMeasurement]) -> tuple[str | Non
     """Return a remark for each measurement of a session that was driven otherwise than most of its kind.
 
     The usual level is the median over the logarithms, of the same quantity from the same source: of two measurements
-    each is compared with their geometric mean, so that the remark begins at a factor of 2.25 between them.
+    each is compared with their geometric mean, so that the remark begins at a factor of 2.25 between them. Where the
+    measurements of its conditions show that the frequency falls or rises with the level, the remark says by how much.
     """
     kinds = [(m.excitation_quantity, m.excitation_source) for m in measurements]
     usual = {
@@ -376,7 +377,45 @@ def session_remarks(measurements: Sequence[ModalMeasurement]) -> tuple[str | Non
         )
         for kind in {kind for m, kind in zip(measurements, kinds, strict=True) if m.excitation_level > 0.0}
     }
-    return tuple(
-        excitation_remark(m, usual[kind], "the session's median") if kind in usual else None
-        for m, kind in zip(measurements, kinds, strict=True)
+    # to a millimetre, along which a frequency changes by less than it is known
+    places = [(round(m.conditions.position, 3), m.conditions.payload_mass, m.conditions.preload) for m in measurements]
+    remarks = list[str | None]()
+    for m, kind, place in zip(measurements, kinds, places, strict=True):
+        remark = excitation_remark(m, usual[kind], "the session's median") if kind in usual else None
+        if remark is not None:
+            alike = [of == (kind, place) for of in zip(kinds, places, strict=True)]
+            remark += _dependence_on_level([o for o, same in zip(measurements, alike, strict=True) if same])
+        remarks.append(remark)
+    return tuple(remarks)
+
+
+#: Standard uncertainties from which on a dependence on the level is said.
+_SAID_FROM = 3.0
+
+
+def _dependence_on_level(measurements: Sequence[ModalMeasurement]) -> str:
+    """Say how the frequency of measurements of the same conditions goes with their level; empty where it does not.
+
+    Weighted least squares of the logarithm of the frequency on that of the level; what scatters about the line more
+    than the frequencies' own uncertainty widens that of the slope.
+    """
+    measurements = [m for m in measurements if m.excitation_level > 0.0]
+    levels = np.log([m.excitation_level for m in measurements])
+    if np.ptp(levels) < math.log(COMPARABLE_FACTOR):
+        return ""
+    frequencies = np.array([m.mode.frequency.value for m in measurements])
+    own = np.array([m.mode.frequency.standard_uncertainty for m in measurements]) / frequencies
+    weight = own**-2
+    from_mean = levels - np.average(levels, weights=weight)
+    spread = float(np.sum(weight * from_mean**2))
+    slope = float(np.sum(weight * from_mean * np.log(frequencies))) / spread
+    left = np.log(frequencies) - np.average(np.log(frequencies), weights=weight) - slope * from_mean
+    scatter = float(np.sum(weight * left**2)) / max(levels.size - 2, 1)
+    if abs(slope) < _SAID_FROM * math.sqrt(max(scatter, 1.0) / spread):
+        return ""
+    low, high = (measurements[int(end)] for end in (np.argmin(levels), np.argmax(levels)))
+    return (
+        f"; here it {'falls' if slope < 0.0 else 'rises'} with the level, from {low.mode.frequency.value:.5g} Hz at "
+        f"{low.excitation_level:.2g} to {high.mode.frequency.value:.5g} Hz at {high.excitation_level:.2g} "
+        f"{LEVEL_UNITS[low.excitation_quantity]}"
     )

@@ -236,3 +236,46 @@ def test_a_response_of_a_universal_file_becomes_an_frf_set(preload, measured_dat
     assert (answer["conditions"], answer["left_out"][0]["what"]) == (1, "1 of 1001 lines of measurement.uff")
     modes = answer_of(preload, "frf", "beam.frf.h5", "--band-hz", 20, 600)["responses"][0]["modes"]
     assert modes == answer_of(preload, "frf", path, *words, "--band-hz", 20, 600)["responses"][0]["modes"]
+
+
+F16_MAP = """\
+axis_id = "f16"
+[text]
+separator = "comma"
+header_row = 1
+[excitation]
+channel = "Force"
+quantity = "force"
+source = "sensor"
+unit = "N"
+[response]
+channel = "Acceleration2"
+unit = "m/s2"
+[window]
+sample_rate_hz = 400
+samples_per_window = 8192
+started_at = 2014-09-15T06:00:00Z
+file_interval_s = 600
+position_mm = 0
+position_span_mm = 0
+"""
+#: Of the wing torsion at each of seven levels: the ends as they are known of this benchmark, those between by rational
+#: fits of several widths to the lines of the eight steady periods [Hz].
+F16_TORSION = (7.318, 7.285, 7.261, 7.231, 7.209, 7.185, 7.160)
+
+
+@pytest.mark.release
+def test_a_wing_at_seven_levels_has_its_frequencies_and_is_said_to_soften(measured_data, preload):
+    # J. P. Noël, M. Schoukens, F-16 aircraft benchmark based on ground vibration test data, 2017: nine periods a file,
+    # the first of them a transient, lines from 2 to 15 Hz with ten modes, 8192 samples a period
+    files = sorted(str(path) for path in (measured_data / "f16_gvt").glob("F16Data_FullMSine_Level*.csv"))
+    if len(files) != len(F16_TORSION):
+        pytest.skip(f"no files of the F-16 benchmark in {measured_data / 'f16_gvt'}")
+    answered = answer_of(preload, "frf", *files, "--map", write("f16.toml", F16_MAP), "--band-hz", "6.8", "7.8")
+    for truth, measured in zip(F16_TORSION, answered["measurements"], strict=True):
+        frequency, uncertainty = measured["frequency_hz"], measured["frequency_standard_uncertainty_hz"]
+        assert frequency == pytest.approx(truth, rel=1.5e-3)
+        assert abs(frequency - truth) < 1.96 * uncertainty < 4e-3 * truth
+    softer = [m["measurement"] for m in answered["measurements"] if "falls with the level" in " ".join(m["warnings"])]
+    assert softer[0].endswith("Level1")
+    assert softer[-1].endswith("Level7")

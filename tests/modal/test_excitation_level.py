@@ -33,6 +33,27 @@ def test_a_measurement_under_another_force_is_said_to_be(forces, said):
     assert [i for i, remark in enumerate(remarks) if remark is not None] == said
 
 
+@pytest.mark.parametrize(("change", "said"), [(-0.01, "falls"), (0.01, "rises"), (0.0, None)])
+def test_a_frequency_that_follows_the_level_is_said_to(change, said):
+    # a mode of 170 Hz whose frequency changes by so much from force to twice that force
+    forces, place = [1.0, 2.0, 4.0, 8.0], measured(1.0)[0]
+    session = [softened(place, force, 170.0 * (1.0 + change * np.log2(force))) for force in forces]
+    remarks = session_remarks(session)
+    assert [remark is None for remark in remarks] == [False, True, True, False]
+    of_level = "here it {} with the level, from 170 Hz at "
+    assert [said is not None and of_level.format(said) in remarks[i] for i in (0, 3)] == 2 * [said is not None]
+    assert said is not None or "here it" not in remarks[3]
+    # another place has another frequency: that is no dependence on the level
+    elsewhere = [replace(m, conditions=replace(m.conditions, position=0.1 * i)) for i, m in enumerate(session)]
+    assert all("here it" not in remark for remark in session_remarks(elsewhere) if remark is not None)
+
+
+def softened(measurement, force, frequency):
+    """Return the measurement under another force, whose frequency is another for it."""
+    mode = replace(measurement.mode, frequency=replace(measurement.mode.frequency, value=frequency))
+    return replace(measurement, mode=mode, excitation_level=force * measurement.excitation_level)
+
+
 def test_excitations_of_two_sources_are_not_compared():
     weak, strong = measured(1.0)[0], measured(8.0)[0]
     assert session_remarks([weak, replace(strong, excitation_source=ExcitationSource.DRIVE)]) == (None, None)
