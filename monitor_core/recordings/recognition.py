@@ -59,8 +59,16 @@ KINDS: dict[str, FileKind] = {
     "xlsx": FileKind("an Excel workbook (XLSX)", ".xlsx"),
     "lvm": FileKind("a LabVIEW measurement file (LVM)", ".lvm", starts=(b"LabVIEW Measurement",)),
     "csv": FileKind("a text with other columns", ".csv"),
-    "hdf5": FileKind("an HDF5 file of another program", advice=_SAVE),
+    "hdf5": FileKind("an HDF5 file of another program", ".h5"),
     "json": FileKind("a JSON document of another kind"),
+    "ide": FileKind(
+        "an IDE recording of an enDAQ sensor",
+        advice="export it as CSV or MAT with enDAQ Lab, or save what endaq.ide.to_pandas makes of it as CSV or Parquet",
+        starts=(b"\x1aE\xdf\xa3",),
+    ),
+    "svdx": FileKind(
+        "a recording of TwinCAT Scope (SVDX, SVB)", advice="export it as CSV or TDMS with TwinCAT Scope View"
+    ),
     "tdms-index": FileKind(
         "the index of a TDMS file", advice="give the *.tdms file that it belongs to", starts=(b"TDSh",)
     ),
@@ -98,7 +106,7 @@ KINDS: dict[str, FileKind] = {
 }
 
 #: MATLAB files of version 4 have no signature, universal files may have lines in front of theirs.
-_WITHOUT_SIGNATURE = {".mat": "mat", ".uff": "uff58", ".unv": "uff58"}
+_WITHOUT_SIGNATURE = {".mat": "mat", ".uff": "uff58", ".unv": "uff58", ".svdx": "svdx", ".svb": "svdx"}
 #: Endings of files that are no text, whatever is in them.
 _NEVER_TEXT = {".mat": "mat", ".tdms": "tdms", ".mf4": "mdf4", ".npy": "npy", ".npz": "npz", ".wav": "wav",
                ".parquet": "parquet", ".xlsx": "xlsx"}  # fmt: skip
@@ -113,7 +121,7 @@ _OF_CALIBRATION = re.compile(r'"(format|coefficients)"')
 _OF_MODAL_TABLE = ("position", "preload", "mode", "damping", "n_readings", "payload", "temperature", "started_at")
 _OF_TEXTS = (".csv", ".lvm")
 #: Endings that a text has only by mistake.
-_BY_ENDING = {kind.ending: name for name, kind in KINDS.items() if kind.ending not in (None, *_OF_TEXTS)}
+_BY_ENDING = {kind.ending: name for name, kind in KINDS.items() if kind.ending not in (None, ".h5", *_OF_TEXTS)}
 _TEXT_MEMBERS = frozenset(b"\t\n\f\r\x1b")
 _HEAD = 65536  # a format shows within so many bytes
 

@@ -166,3 +166,19 @@ def test_what_is_no_channel_in_version_7_3_is_said_to_be_not_read(tmp_path):
     channels = mat.read_channels(path)
     assert channels.names == ("F",)
     assert set(channels.left_out) == {"D (3 dimensions)", "H (complex)", "C (cell)", "S (sparse)"}
+
+
+def test_a_timetable_of_version_7_3_is_named_with_what_to_do(tmp_path):
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["T"] = np.array([[0xDD000000, 2, 1, 1, 1, 1]], "u4").T  # a reference into the objects of the file
+        file["T"].attrs.update({"MATLAB_class": np.bytes_("timetable"), "MATLAB_object_decode": np.int32(3)})
+        file["x"] = SAMPLES[:, None]
+        file["x"].attrs["MATLAB_class"] = np.bytes_("double")
+    channels = mat.read_channels(path)
+    assert channels.names == ("x",)
+    (left_out,) = channels.left_out
+    assert left_out.startswith("T (timetable: in MATLAB, save their columns as arrays (t = seconds(")
+    with h5py.File(path, "a") as file:
+        del file["x"]
+    assert "only what is not read: T (timetable" in refusal(mat.read_channels, path)

@@ -73,6 +73,7 @@ FOREIGN = {
     "xml": lambda path: path.write_bytes(b"<?xml version='1.0'?><x/>"),
     "lvm": lambda path: path.write_bytes(b"LabVIEW Measurement\t\nWriter_Version\t2\n"),
     "pickle": lambda path: path.write_bytes(b"\x80\x04\x95\x00"),
+    "ide": lambda path: path.write_bytes(b"\x1aE\xdf\xa3\x9f\x42\x86\x81\x01\x00"),
     "json": lambda path: path.write_bytes(b'{"measurements": []}'),
     "tdms-index": lambda path: path.write_bytes(b"TDSh" + bytes(24)),
 }

@@ -60,6 +60,13 @@ _IN_NAMES = {
 }  # fmt: skip
 #: Units at the end of a name that are more often words.
 _WORDS = frozenset(("in", "rev", "min", "h", "count", "K", "W"))
+#: How single numbers are named that state the rate [Hz], or the step [s]; without blanks, hyphens and underscores.
+_NAMES_OF_RATE = frozenset((
+    "fs", "fshz", "fsamp", "fsample", "fsampling", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency",
+    "sampleratehz", "samplingratehz", "samplingfrequencyhz", "samplingfreq", "samplefreq", "sampfreq", "samprate",
+))  # fmt: skip
+_NAMES_OF_STEP = frozenset(("dt", "ts", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval",
+                             "deltat", "timestep", "sampleperiod", "samplingperiod", "wfincrement"))  # fmt: skip
 _FREQUENCY_UNITS = frozenset(("Hz", "kHz", "rad/s"))
 
 
@@ -114,6 +121,14 @@ def _spelt(text: str, says: ChannelKind | None) -> str | None:
     if small == "nm" and says in (ChannelKind.TORQUE, None):
         return "N.m" if says or text != "nm" else "nm"
     return canonical_unit(text) or canonical_unit(_IN_NAMES.get(small, small))
+
+
+def rate_of_number(name: str, value: float) -> float | None:
+    """Return the rate that a single number states by its name, as a rate or as a step [Hz]; None if it states none."""
+    last = re.sub(r"[-_\s]", "", name.rpartition(".")[2].lower())
+    if last in _NAMES_OF_RATE and value > 0.0:
+        return value
+    return 1.0 / value if last in _NAMES_OF_STEP and 0.0 < value < 1.0 else None
 
 
 def names_other_unit(name: str) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.raw.binary import mat, mdf4, npz, parquet, tdms, uff58, wav, xlsx
+from monitor_core.recordings.raw.binary import hdf5, mat, mdf4, npz, parquet, tdms, uff58, wav, xlsx
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.text import columns, lvm
 from monitor_core.recordings.raw.text.layout import TextLayout
@@ -16,6 +16,8 @@ READERS: dict[str, Callable[..., Channels]] = {
     ".uff": uff58.read_channels,
     ".unv": uff58.read_channels,
     ".mat": mat.read_channels,
+    ".h5": hdf5.read_channels,
+    ".hdf5": hdf5.read_channels,
     ".npz": npz.read_channels,
     ".npy": npz.read_channels,
     ".wav": wav.read_channels,

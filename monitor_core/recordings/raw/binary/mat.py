@@ -7,7 +7,7 @@ There the fields of an array of structures are references to other places of the
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,6 +33,8 @@ _CLASSES = frozenset((
     "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical", "",
 ))  # fmt: skip
 _STATED = frozenset(("MATLAB_class", "MATLAB_empty"))
+_TABLES = ("timetable", "table", "timeseries")
+_SAVE_ARRAYS = "in MATLAB, save their columns as arrays (t = seconds(T.Time - T.Time(1)), x = T.Torque)"
 
 
 def read_channels(path: Path) -> Channels:
@@ -77,8 +79,8 @@ def _read_version_4_to_7_2(path: Path) -> Channels:
         arrays = [(name, array) for name, array in read if array.size > 1]
         if not arrays and any(_is_object(value) for value in variables.values()):
             raise RecordingFormatError(
-                f"{path.name}: expected arrays of numbers; got objects (timetable, timeseries or the like), which only "
-                "MATLAB reads: save their columns as arrays"
+                f"{path.name}: expected arrays of numbers; got objects (timetable, timeseries or the like), which are "
+                f"not read: {_SAVE_ARRAYS}"
             )
         require_plausible_channels([(name, array.size) for name, array in arrays], path.name)
         numbers = single_numbers((name, array.item()) for name, array in read if array.size == 1)
@@ -166,16 +168,19 @@ def _datasets(
         elif isinstance(inside, h5py.Dataset) and _holds_numbers(inside, f"{where}, {label}"):
             yield label, inside
         elif isinstance(inside, h5py.Dataset):
-            why = _why_no_channel(inside)
+            why = _why_no_channel(inside, f"{where}, {label}")
         if why is not None:
             _leave_out(left_out, label, why)
 
 
-def _why_no_channel(dataset: "h5py.Dataset") -> str | None:
+def _why_no_channel(dataset: "h5py.Dataset", where: str) -> str | None:
     """Say what an array is that is no channel; ``None`` for texts and empty ones."""
     import h5py  # noqa: PLC0415
 
     kind = dataset.id.get_type().get_class()
+    stated = attributes(dataset, _STATED, where).values
+    if (of_matlab := _class_of(stated)) not in _CLASSES and of_matlab != "char" and "MATLAB_empty" not in stated:
+        return "cell" if of_matlab == "cell" else f"{of_matlab}: {_SAVE_ARRAYS}" if of_matlab in _TABLES else of_matlab
     if kind == h5py.h5t.COMPOUND:
         return "complex"
     if kind == h5py.h5t.REFERENCE:
@@ -189,6 +194,10 @@ def _holds_numbers(dataset: "h5py.Dataset", where: str) -> bool:
     if dataset.id.get_type().get_class() not in (h5py.h5t.INTEGER, h5py.h5t.FLOAT) or dataset.ndim not in (1, 2):
         return False
     stated = attributes(dataset, _STATED, where).values
+    return _class_of(stated) in _CLASSES and "MATLAB_empty" not in stated and dataset.size > 0
+
+
+def _class_of(stated: Mapping[str, object]) -> str:
+    """Return the class of MATLAB that an array is of; empty where another program wrote it."""
     kind = stated.get("MATLAB_class", "")
-    kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else kind
-    return kind in _CLASSES and "MATLAB_empty" not in stated and dataset.size > 0
+    return kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)

@@ -10,7 +10,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
-from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit
+from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit, rate_of_number
 from monitor_core.recordings.raw.channel_time import GAP, printed_digit, time_of_samples
 from monitor_core.recordings.raw.channels import HEAD, Channels
 from monitor_core.recordings.raw.inspection import step_of
@@ -34,12 +34,6 @@ _MOST_LOOKED_AT = 1000
 _PLAUSIBLE_STEPS = (("s", 0.05), ("ms", 50.0), ("us", 5e4))  # longest step of a recording that is to show a mode
 #: Records of fewer seconds are left whole.
 _FEWEST_WINDOWS = 8
-#: How single numbers are named that state the rate [Hz], or the step [s]; without blanks, hyphens and underscores.
-_NAMES_OF_RATE = frozenset((
-    "fs", "fshz", "fsamp", "fsample", "fsampling", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency",
-    "sampleratehz", "samplingratehz", "samplingfrequencyhz", "samplingfreq", "samplefreq", "sampfreq", "samprate",
-))  # fmt: skip
-_NAMES_OF_STEP = frozenset(("dt", "ts", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +60,8 @@ def rate_of_numbers(channels: Channels) -> StatedRate | None:
     stated_rates, numbers = list[StatedRate](), dict(channels.numbers)
     numbers |= {c.name: float(c.head.flat[0]) for c in channels.channels if c.head.size and not c.varies}
     for name, value in numbers.items():
-        last = re.sub(r"[-_\s]", "", name.rpartition(".")[2].lower())
-        if last in _NAMES_OF_RATE and value > 0.0:
-            stated_rates.append(StatedRate(value, name))
-        elif last in _NAMES_OF_STEP and 0.0 < value < 1.0:
-            stated_rates.append(StatedRate(1.0 / value, name))
+        if (rate := rate_of_number(name, value)) is not None:
+            stated_rates.append(StatedRate(rate, name))
     agree = len({f"{stated.sample_rate:.6g}" for stated in stated_rates}) == 1
     return stated_rates[0] if agree else None
 
