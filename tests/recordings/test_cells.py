@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.check import check_file
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.formats import read_channels
@@ -245,3 +246,45 @@ def test_files_of_one_day_each_get_names_of_their_own(tmp_path):
         path.write_text("time_s,force_n\n" + "\n".join(f"{t},{v}" for t, v in zip(TIMES, WAVE, strict=True)) + "\n")
         steps.add(check_file(path).next_step.partition("--write-map ")[2].split()[0])
     assert steps == {"run.2025-03-01.toml", "run.2025-03-02.toml"}
+
+
+# ---- single numbers -----------------------------------------------------------------------------------------------
+
+DRIVEN = """
+axis_id = "a"
+excitation = {channel = "force_n", quantity = "force", source = "sensor"}
+response = {channel = "acc_g"}
+window = {position_mm = 0, position_span_mm = 0, started_at = 2025-03-01T06:00:00Z%s}
+"""
+
+
+def remarks_of(path, text):
+    (path.parent / "map.toml").write_text(text, encoding="utf-8")
+    return import_session([path], read_channel_map(path.parent / "map.toml")).remarks
+
+
+def test_a_rate_and_a_count_that_a_file_states_stand_beside_what_is_used(tmp_path, subtests):
+    layout = "text = {separator = 'comma', header_row = 4}\ntime = {channel = 'time_s'}\n"
+    rows = "\n".join(f"{t!r},{v!r},{v!r}" for t, v in zip(TIMES.tolist(), WAVE.tolist(), strict=True))
+    cases = {
+        ("Sample Rate: 1 kHz", "Record Length,64"): (),
+        ("# Fs = 1000", "Points;64"): (),
+        ("Sample Interval,0.5 ms", "Samples,128"): ("says 2000 Hz; 1000 Hz is used", "says 128; it holds 64 samples"),
+        ("Sampling Frequency [kHz]: 51.2", "made by Meyer"): ("says 51200 Hz; 1000 Hz is used",),
+        ("Abtastrate;2000", "dt: 0.0005"): ("says 2000 Hz",),
+        ("Range: 10 V", "Channels,2"): (),
+    }
+    for above, sentences in cases.items():
+        with subtests.test(above=above):
+            text = "\n".join([*above, "", "time_s,force_n,acc_g", rows]) + "\n"
+            (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+            said = [
+                remark
+                for remark in remarks_of(tmp_path / "a.csv", DRIVEN % "" + layout)
+                if "in the file says" in remark
+            ]
+            assert len(said) == len(sentences)
+            assert all(sentence in remark for sentence, remark in zip(sentences, said, strict=True))
+    np.savez(tmp_path / "a.npz", force_n=WAVE, acc_g=WAVE, Fs=51200.0)
+    (remark,) = [each for each in remarks_of(tmp_path / "a.npz", DRIVEN % ", sample_rate_hz = 5120") if "Fs" in each]
+    assert "'Fs' in the file says 51200 Hz; 5120 Hz is used" in remark

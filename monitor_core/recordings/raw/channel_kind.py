@@ -11,6 +11,7 @@ from monitor_core.recordings.elements.units import (
     RAW_UNITS,
     Quantity,
     canonical_unit,
+    factor_to,
     is_raw,
     quantity_of_unit,
 )
@@ -64,19 +65,22 @@ _WORDS = frozenset(("in", "rev", "min", "h", "count", "K", "W"))
 _NAMES_OF_RATE = frozenset((
     "fs", "fshz", "fsamp", "fsample", "fsampling", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency",
     "sampleratehz", "samplingratehz", "samplingfrequencyhz", "samplingfreq", "samplefreq", "sampfreq", "samprate",
+    "abtastrate", "abtastfrequenz",
 ))  # fmt: skip
-_NAMES_OF_STEP = frozenset(("dt", "ts", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval",
-                             "deltat", "timestep", "sampleperiod", "samplingperiod", "wfincrement"))  # fmt: skip
+_NAMES_OF_STEP = frozenset((
+    "dt", "ts", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval", "xincrement", "timestep",
+    "deltat", "sampleperiod", "samplingperiod", "wfincrement", "abtastzeit", "abtastintervall",
+))  # fmt: skip
 _FREQUENCY_UNITS = frozenset(("Hz", "kHz", "rad/s"))
 
 
 def kind_of_name(name: str) -> ChannelKind | None:
     """Return what the name says; the last part of a name with slashes counts first."""
     for part in (re.split(r"[/\\.]", name)[-1], name):
-        whole = _WHOLE.get(_without_unit(part).strip().lower())
+        whole = _WHOLE.get(without_unit(part).strip().lower())
         if whole is not None:
             return whole
-        words = _words(_without_unit(part))
+        words = _words(without_unit(part))
         for kind, beginnings in _BEGINNINGS.items():
             if any(word.startswith(beginnings) for word in words):
                 return kind
@@ -124,11 +128,25 @@ def _spelt(text: str, says: ChannelKind | None) -> str | None:
 
 
 def rate_of_number(name: str, value: float) -> float | None:
-    """Return the rate that a single number states by its name, as a rate or as a step [Hz]; None if it states none."""
-    last = re.sub(r"[-_\s]", "", name.rpartition(".")[2].lower())
-    if last in _NAMES_OF_RATE and value > 0.0:
-        return value
-    return 1.0 / value if last in _NAMES_OF_STEP and 0.0 < value < 1.0 else None
+    """Return the rate that a single number states by its name, as a rate or as a step [Hz]; None if it states none.
+
+    Examples
+    --------
+    >>> rate_of_number("Sample Rate [kHz]", 51.2), rate_of_number("daq.dt", 0.001), rate_of_number("gain", 2.0)
+    (51200.0, 1000.0, None)
+
+    """
+    letters, unit = letters_of(name), unit_in_name(name)
+    if letters in _NAMES_OF_RATE:
+        rate = value * (1.0 if unit is None else factor_to("Hz", unit) or 0.0)
+        return rate if rate > 0.0 else None
+    step = value * (1.0 if unit is None else factor_to("s", unit) or 0.0) if letters in _NAMES_OF_STEP else 0.0
+    return 1.0 / step if 0.0 < step < 1.0 else None
+
+
+def letters_of(name: str) -> str:
+    """Return the letters of the last part of a name, small and without its unit: "samplerate"."""
+    return re.sub(r"[\W\d_]", "", without_unit(name).rpartition(".")[2].lower())
 
 
 def names_other_unit(name: str) -> bool:
@@ -156,7 +174,7 @@ def is_of_other_quantity(name: str, unit: str | None) -> bool:
 
 
 def _says_other(name: str) -> bool:
-    return any(word.startswith(_BEGINNINGS[None]) for word in _words(_without_unit(name)))
+    return any(word.startswith(_BEGINNINGS[None]) for word in _words(without_unit(name)))
 
 
 def is_planned(name: str) -> bool:
@@ -183,7 +201,8 @@ def units_of(kind: ChannelKind) -> tuple[str, ...]:
     return (*FACTOR_TO_SI[Quantity(str(kind))], *raw)
 
 
-def _without_unit(name: str) -> str:
+def without_unit(name: str) -> str:
+    """Return a name without brackets at its end."""
     return _IN_BRACKETS.sub("", name)
 
 

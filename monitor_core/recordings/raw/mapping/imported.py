@@ -36,6 +36,7 @@ from monitor_core.recordings.raw.mapping.map_records import (
     WindowsIn,
 )
 from monitor_core.recordings.raw.mapping.mapped import Record, interval_of, signal_of, take_records
+from monitor_core.recordings.raw.stated_numbers import doubts_of_sampling
 
 #: Called with the name of each file before it is read.
 Progress = Callable[[str], None]
@@ -140,6 +141,7 @@ def import_motion(paths: Sequence[Path], channel_map: ChannelMap, progress: Prog
         *record.remarks,
         *doubts_of_rate(record.sample_rate, path.name),
         *_doubts_of_channels(channels, sources),
+        *(() if channel_map.resampling else doubts_of_sampling(channels, record.sample_rate, position.size)),
         *doubts_of_travel([position], signals.position),
     ]
     return ImportedMotion(motion, tuple(_delayed(record)), tuple(remarks))
@@ -167,6 +169,9 @@ def _windows_of_file(
     if seen is not None:
         seen(channels)
     records, doubts = take_records(channels, sources, channel_map), _doubts_of_channels(channels, sources)
+    n_samples = sum(record.signals[0].size for record in records)
+    if channel_map.resampling is None and records[0].signals[0].ndim == 1:
+        doubts += doubts_of_sampling(channels, records[0].sample_rate, n_samples)
     if signals.sweep is not None:
         records = tuple(with_commanded_force(record, signals.sweep) for record in records)
     del channels  # what is not in the records is not needed any more

@@ -35,11 +35,11 @@ from monitor_core.recordings.raw.proposal.sampling import (
     TextTimes,
     cutting_entry,
     rate_entry,
-    rate_of_numbers,
     rate_of_texts,
     text_times,
     time_tables,
 )
+from monitor_core.recordings.raw.stated_numbers import rate_of_numbers
 from monitor_core.recordings.raw.text.layout import TextLayout
 
 _MOST_LISTED = 40

@@ -10,7 +10,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
-from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit, rate_of_number
+from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit
 from monitor_core.recordings.raw.channel_time import GAP, printed_digit, time_of_samples
 from monitor_core.recordings.raw.channels import HEAD, Channels
 from monitor_core.recordings.raw.inspection import step_of
@@ -26,6 +26,7 @@ from monitor_core.recordings.raw.proposal.entries import (
     plain,
 )
 from monitor_core.recordings.raw.proposal.parts import Part
+from monitor_core.recordings.raw.stated_numbers import StatedRate
 
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(?P<zone>[Zz]|[+-]\d\d:?\d\d)?", re.ASCII)
 _CLOCK = re.compile(r"\d{1,2}:\d\d(?P<seconds>:\d\d)?((?P<sign>[.,])\d+)?(?P<half>\s?[AaPp][Mm])?", re.ASCII)
@@ -45,25 +46,6 @@ class TextTimes:
     form: str | None  # "iso" or a pattern of strptime; None where day and month may stand either way
     is_dated: bool
     has_zone: bool
-
-
-@dataclass(frozen=True, slots=True)
-class StatedRate:
-    """A rate that a single number of the file seems to state."""
-
-    sample_rate: float  # [Hz]
-    name: str  # of the number
-
-
-def rate_of_numbers(channels: Channels) -> StatedRate | None:
-    """Return the rate that single numbers of the file seem to state; None where none does, or they contradict."""
-    stated_rates, numbers = list[StatedRate](), dict(channels.numbers)
-    numbers |= {c.name: float(c.head.flat[0]) for c in channels.channels if c.head.size and not c.varies}
-    for name, value in numbers.items():
-        if (rate := rate_of_number(name, value)) is not None:
-            stated_rates.append(StatedRate(rate, name))
-    agree = len({f"{stated.sample_rate:.6g}" for stated in stated_rates}) == 1
-    return stated_rates[0] if agree else None
 
 
 def rate_entry(stated: StatedRate | None) -> MapEntry:

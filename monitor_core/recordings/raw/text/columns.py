@@ -16,7 +16,8 @@ from monitor_core.arrays import BoolArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import listed, require_file
 from monitor_core.recordings.raw.channel_time import ChannelTime
-from monitor_core.recordings.raw.channels import Channel, Channels, Stored, require_distinct
+from monitor_core.recordings.raw.channels import Channel, Channels, Stored, require_distinct, single_numbers
+from monitor_core.recordings.raw.stated_numbers import numbers_above
 from monitor_core.recordings.raw.text import lvm, twincat
 from monitor_core.recordings.raw.text.layout import (
     DECIMALS,
@@ -163,7 +164,7 @@ def _read_with_layout(path: Path, layout: TextLayout, watch: Watch | None = None
     if layout.sheet is not None:
         raise RecordingFormatError(f"{path.name}: expected no sheet in [text] of a text file; got {layout.sheet!r}")
     rows, decimal = Rows(path, layout.encoding), DECIMALS[layout.decimal]
-    header, unit_line = _heads(rows, layout)
+    header, unit_line, numbers = _heads(rows, layout)
     sample = _sample(rows, layout)
     if not sample:
         raise RecordingFormatError(f"{path.name}, row {rows.row}: expected rows of numbers; the file ends there")
@@ -188,7 +189,7 @@ def _read_with_layout(path: Path, layout: TextLayout, watch: Watch | None = None
     watch = None if pairs else watch
     table = read_table(rows.blocks(), form, f"{path.name}, row", watch)
     again = None if watch is None else partial(_read_with_layout, path, layout)
-    return _channels(path, form, table, pairs=pairs, units=units, again=again)
+    return replace(_channels(path, form, table, pairs=pairs, units=units, again=again), numbers=numbers)
 
 
 def _separator(layout: TextLayout, line: str) -> str | None:
@@ -206,15 +207,15 @@ def _require_names(names: Sequence[str], where: str) -> None:
     require_distinct(names, where)
 
 
-def _heads(rows: Rows, layout: TextLayout) -> tuple[str | None, str | None]:
-    """Return the row of names and the row of units, and go on to the first row of numbers."""
+def _heads(rows: Rows, layout: TextLayout) -> tuple[str | None, str | None, dict[str, float]]:
+    """Return the row of names, that of units and the numbers stated above, and go on to the first row of the table."""
     header_row, unit_row = layout.header_row, layout.unit_row or 0
     if header_row is None:
         line = next(iter(rows.ahead(1)), "")
         cells = split_cells(line, _separator(layout, line))[:MAX_COLUMNS]
         header_row = 0 if all(is_number(cell, DECIMALS[layout.decimal]) for cell in cells) else 1
     first_row = layout.first_row or max(header_row, unit_row) + 1
-    heads: dict[int, str] = {}
+    heads, above = dict[int, str](), list[str]()
     while rows.row < first_row:
         row, line_or_end = rows.row, rows.take()
         if line_or_end is None:
@@ -224,11 +225,13 @@ def _heads(rows: Rows, layout: TextLayout) -> tuple[str | None, str | None]:
             )
         if row in (header_row, unit_row):
             heads[row] = line_or_end.removeprefix(layout.comment or "").strip(" ")
+        else:
+            above.append(line_or_end)
     for name, row in (("header_row", header_row), ("unit_row", unit_row)):
         if row and not heads.get(row, "").strip():
             got = "a blank row" if row in heads else f"numbers from row {first_row} on"
             raise RecordingFormatError(f"{rows.file_name}: expected {name} {row} above the numbers; got {got}")
-    return heads.get(header_row), heads.get(unit_row)
+    return heads.get(header_row), heads.get(unit_row), single_numbers(numbers_above(above))
 
 
 def _sample(rows: Rows, layout: TextLayout) -> list[str]:
