@@ -67,6 +67,7 @@ from service.settings import VERSION, Settings
 from service.store.axes import counted
 from service.store.database import Database
 from service.store.jobs import ReportStore
+from service.store.lookup import Remembered
 from service.store.recordings import RecordingFiles
 from service.store.safekeeping.database_file import require_database_of
 from service.store.safekeeping.private import private_folder
@@ -81,6 +82,8 @@ if TYPE_CHECKING:
 
 #: A stop waits so long for all that goes on in the background, receivers that do not answer among it.
 BACKGROUND_ENDS_WITHIN_S = 2.0
+#: Pictures of so many pages are remembered, 60 kB of each.
+MOST_DRAWN = 100
 _COMPONENT = "#/components/schemas/{model}"
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -223,6 +226,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, li
         jobs=runner,
         dispatcher=Dispatcher(database, _senders(receivers, settings.public_url.rstrip("/")), metrics),
         advice=read_advice(settings.advice_file),
+        drawn=Remembered(MOST_DRAWN),
         purges=Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir)),
         surveys=Surveys(database, waveforms, rule),
     )

@@ -30,6 +30,7 @@ from service.operations.recordings.stored_windows import StoredWindows
 from service.operations.retention import Surveys
 from service.operations.trial.trial import Trials
 from service.store.database import Database
+from service.store.lookup import Remembered
 from service.store.waveforms import WaveformStore
 
 
@@ -62,6 +63,7 @@ class Services:
     purges: Purges
     surveys: Surveys
     advice: AdviceTable
+    drawn: Remembered  # pictures of the pages
 
 
 async def services_of(request: Request) -> Services:

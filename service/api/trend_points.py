@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from typing import Annotated, Any, Final, Literal
@@ -22,10 +21,9 @@ from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment
 from service.operations.monitoring.extremes import thin_out
-from service.operations.monitoring.trend import Only, ToldPage
+from service.operations.monitoring.trend import Only, TrendPage
 from service.settings import VERSION
 from service.store.rejudged import Stale
-from service.store.tables import moment_of
 from service.store.trend.points import Span
 from service.store.trend.shown import ToldColumns
 
@@ -122,7 +120,7 @@ def get_trend(axis: AxisId, query: Annotated[TrendQuery, Query()], request: Requ
     if seen and (etag := _etag(query, *services.trend.revision(axis))) in seen:
         return Response(status_code=304, headers={"ETag": etag})
     page = _page(axis, services, query)
-    columns = _columns(page.columns)
+    columns = _columns(page.points, at=_written(page.points.at_us))
     told, media_type = (
         (_points(columns), "application/json") if query.form == "points" else (_shortened(columns), COLUMNS_TYPE)
     )
@@ -135,12 +133,18 @@ def get_trend(axis: AxisId, query: Annotated[TrendQuery, Query()], request: Requ
 Columns = dict[str, Sequence[Any]]
 
 
-def _columns(told: ToldColumns) -> Columns:
+def _written(at_us: Sequence[int]) -> list[str]:
+    """Return moments as JSON has them: whole seconds without a fraction, as pydantic writes them."""
+    moments = np.array(at_us, dtype="datetime64[us]")
+    return [text.replace(".000000", "") for text in np.datetime_as_string(moments, timezone="UTC").tolist()]
+
+
+def _columns(told: ToldColumns, at: Sequence[datetime | str]) -> Columns:
     of_session, (lower, upper) = str(DoubtReason.PLACES_DISAGREE), ends_of(told)
     return {
         "measurement_id": told.measurement_id,
         "measurement": told.name,
-        "at": [moment_of(at_us) for at_us in told.at_us],
+        "at": at,
         "position_mm": told.position_mm,
         "status": ["judged" if reason is None else "refused" for reason in told.refusal_reason],
         "frequency_hz": told.frequency_hz,
@@ -195,21 +199,22 @@ def rounded(values: Sequence[float | None]) -> list[float]:
 
 def _records(axis: str, services: Services, query: TrendQuery) -> tuple[list[dict[str, object]], str | None]:
     page = _page(axis, services, query)
-    return _points(_columns(page.columns)), page.next_cursor
+    return _points(_columns(page.points, at=page.points.at)), page.next_cursor
 
 
-def _page(axis: str, services: Services, query: TrendQuery) -> ToldPage:
+def _page(axis: str, services: Services, query: TrendQuery) -> TrendPage[ToldColumns]:
     span, newest_first = Span(query.start, query.end), query.order == "newest-first"
     if query.resolution is not None:
         page = services.trend.at_resolution(axis, span, query.resolution)
-        return (replace(page, points=page.points[::-1]) if newest_first else page).told()
-    if query.only is None and query.max_points is None:
+        points = page.points[::-1] if newest_first else page.points
+    elif query.only is None and query.max_points is None:
         return services.trend.told(axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first)
-    page = services.trend.page(
-        axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first, only=query.only
-    )
-    most = query.limit if query.max_points is None else query.max_points
-    return replace(page, points=thin_out(page.points, most)).told()
+    else:
+        page = services.trend.page(
+            axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first, only=query.only
+        )
+        points = thin_out(page.points, query.limit if query.max_points is None else query.max_points)
+    return TrendPage(ToldColumns.of(points), page.next_cursor, page.revision, page.stale)
 
 
 def _etag(query: TrendQuery, revision: int, stale: Stale | None) -> str:

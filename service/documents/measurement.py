@@ -178,12 +178,14 @@ def interval_of(point: "TrendPoint | ShownPoint") -> Ends:
 
 def ends_of(told: "ToldColumns") -> tuple[Sequence[float | None], Sequence[float | None]]:
     """Return the ends of all intervals, each as :func:`interval_of` has them."""
-    unexplained = unexplained_scatter(_numbers(told.learnt_scatter_s2), _numbers(told.feature_scatter_s2))
-    lower, preload, feature = (_numbers(column) for column in (told.interval_lower_n, told.preload_n, told.feature_s2))
+    unexplained = unexplained_scatter(numbers_of(told.learnt_scatter_s2), numbers_of(told.feature_scatter_s2))
+    lower, preload, feature = (
+        numbers_of(column) for column in (told.interval_lower_n, told.preload_n, told.feature_s2)
+    )
     wider = np.flatnonzero((unexplained > 0.0) & ~np.isnan(lower + preload + feature))
     if not wider.size:
         return told.interval_lower_n, told.interval_upper_n
-    upper = _numbers(told.interval_upper_n)
+    upper = numbers_of(told.interval_upper_n)
     closed = np.where(np.isnan(upper), np.inf, upper)
     lower[wider], upper[wider] = widened_ends(
         (lower[wider], closed[wider]), preload[wider], feature[wider], unexplained[wider]
@@ -191,7 +193,7 @@ def ends_of(told: "ToldColumns") -> tuple[Sequence[float | None], Sequence[float
     return numbers(lower), numbers(upper)
 
 
-def _numbers(column: Sequence[float | None]) -> FloatArray:
+def numbers_of(column: Sequence[float | None]) -> FloatArray:
     """Return a column as numbers; None is NaN."""
     return np.array(column, dtype=np.float64)
 

@@ -5,14 +5,16 @@ axes of one type have left of their baselines is drawn on the same axis of time.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
+from monitor_core.arrays import FloatArray
 from service.report.svg import Axis, Frame, axis_over, element, image, joined, label, path_through, value_grid
 
 _HOUR, _DAY = timedelta(hours=1), timedelta(days=1)
@@ -50,17 +52,16 @@ _CHARACTER: Final = 9.2
 _RADIUS: Final = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """One measurement in a chart; a value that is not known is NaN, and stands at the foot."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Marks:
+    """Measurements in a chart, column by column; a value that is not known is NaN, and stands at the foot."""
 
-    at: datetime
-    value: float
-    lower: float
-    upper: float
-    kind: str  # state of the axis after it, or "refused" or "doubt"
-    words: str
-    href: str | None = None
+    at: Sequence[datetime]
+    value: FloatArray
+    lower: FloatArray  # NaN where no interval is drawn
+    upper: FloatArray  # infinite where it is open
+    kind: Sequence[str]  # state of the axis after it, or "refused" or "doubt"
+    links: Sequence[tuple[str, str]] = ()  # address and words of each, where it leads to its measurement
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,17 +117,17 @@ class TrendPicture:
     unit: str
     start: datetime
     end: datetime
-    marks: Sequence[Mark]
+    marks: Marks
     events: Sequence[LaneEvent] = ()
     band: Band | None = None
     line: Line | None = None
     wedge: Wedge | None = None
 
 
-def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str], *, linked: bool = False) -> Markup:
+def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str]) -> Markup:
     """Draw a chart; ``write`` puts a number into the language of the page.
 
-    ``linked``: each mark leads to its measurement. Then the picture is a group for a screen reader, else an image.
+    If its marks lead to their measurements, the picture is a group for a screen reader, else an image.
     """
     time = _TimeAxis(shown.start, shown.end, Axis(0.0, 1.0, frame.left + 8.0, frame.right - 8.0))
     scale = _scale(shown, frame)
@@ -137,7 +138,7 @@ def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str], 
         _line(shown.line, time, scale, frame),
         _wedge(shown.wedge, time, scale),
         _lane(shown.events, time, frame),
-        _marks(shown.marks, time, scale, frame, linked),
+        _marks(shown.marks, time, scale, frame),
     ]
     return element(
         "svg",
@@ -145,7 +146,7 @@ def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str], 
         viewBox=f"0 0 {frame.width:g} {frame.height:g}",
         width=frame.width,
         height=frame.height,
-        role="group" if linked else "img",
+        role="group" if shown.marks.links else "img",
         aria_label=shown.title,
         data_from=shown.start.isoformat(),
         data_to=shown.end.isoformat(),
@@ -180,9 +181,13 @@ class _TimeAxis:
     end: datetime
     axis: Axis
 
-    def place(self, moment: datetime) -> float:
+    def places(self, moments: Sequence[datetime]) -> FloatArray:
         whole = (self.end - self.start).total_seconds() or 1.0
-        return float(self.axis((moment - self.start).total_seconds() / whole))
+        since = np.array([(moment - self.start).total_seconds() for moment in moments], dtype=np.float64)
+        return self.axis(since / whole)
+
+    def place(self, moment: datetime) -> float:
+        return float(self.places([moment])[0])
 
     def holds(self, moment: datetime) -> bool:
         return self.start <= moment <= self.end
@@ -190,8 +195,7 @@ class _TimeAxis:
 
 def _scale(shown: TrendPicture, frame: Frame) -> Axis:
     """Return the axis of values: over all of them, and over intervals that are not much wider than what they are of."""
-    values = np.array([mark.value for mark in shown.marks], dtype=np.float64)
-    ends = np.array([end for mark in shown.marks for end in (mark.lower, mark.upper)], dtype=np.float64)
+    values, ends = shown.marks.value, np.concatenate([shown.marks.lower, shown.marks.upper])
     levels = [] if shown.band is None else [shown.band.lower, shown.band.upper]
     ahead = [] if shown.wedge is None else [*shown.wedge.lower, *shown.wedge.upper]
     shown_values = np.array([*values[np.isfinite(values)], *levels, *ahead])
@@ -232,7 +236,7 @@ def _band(band: Band | None, scale: Axis, frame: Frame) -> Markup:
 def _wedge(wedge: Wedge | None, time: _TimeAxis, scale: Axis) -> Markup:
     if wedge is None:
         return Markup()
-    x = np.array([time.place(moment) for moment in wedge.at])
+    x = time.places(wedge.at)
     lower, upper, values = (scale(np.array(ends)) for ends in (wedge.lower, wedge.upper, wedge.values))
     around = path_through(np.concatenate([x, x[::-1]]), np.concatenate([upper, lower[::-1]]))
     return joined([
@@ -275,29 +279,33 @@ def _event_line(x: float, frame: Frame, kind: str) -> Markup:
     return element("line", x1=x, y1=frame.top, x2=x, y2=frame.bottom, class_=f"event {kind}")
 
 
-def _marks(marks: Sequence[Mark], time: _TimeAxis, scale: Axis, frame: Frame, linked: bool) -> Markup:
-    intervals: dict[str, list[str]] = {}
-    plain: dict[str, list[str]] = {}
-    drawn: list[Markup] = []
-    for mark in marks:
-        x, known = time.place(mark.at), math.isfinite(mark.value)
-        y = _inside(scale, mark.value, frame) if known else frame.bottom - 8.0
-        if known and math.isfinite(mark.lower):
-            top = _inside(scale, mark.upper, frame) if math.isfinite(mark.upper) else frame.top
-            intervals.setdefault(mark.kind, []).append(f"M{x:.1f} {_inside(scale, mark.lower, frame):.1f}V{top:.1f}")
-        shape = _shape(mark.kind, x, y)
-        if linked and mark.href is not None:
-            inside = element("path", d=shape, class_=f"mark {mark.kind}")
-            drawn.append(element("a", element("title", mark.words), inside, href=mark.href, tabindex="-1"))
-        else:
-            plain.setdefault(mark.kind, []).append(shape)
-    whiskers = [element("path", d="".join(d), class_=f"whisker {kind}") for kind, d in intervals.items()]
-    rest = [element("path", d="".join(d), class_=f"mark {kind}") for kind, d in plain.items()]
-    return joined([*whiskers, *rest, *drawn])
+def _marks(marks: Marks, time: _TimeAxis, scale: Axis, frame: Frame) -> Markup:
+    known, x = np.isfinite(marks.value), time.places(marks.at).tolist()
+    value, lower, upper = (
+        np.clip(scale(values), frame.top, frame.bottom).tolist() for values in (marks.value, marks.lower, marks.upper)
+    )
+    whiskers = defaultdict[str, list[str]](list)
+    for i in np.flatnonzero(known & np.isfinite(marks.lower)).tolist():
+        whiskers[marks.kind[i]].append(f"M{x[i]:.1f} {lower[i]:.1f}V{upper[i]:.1f}")
+    heights = np.where(known, value, frame.bottom - 8.0).tolist()
+    shapes = [_shape(*mark) for mark in zip(marks.kind, x, heights, strict=True)]
+    drawn = [_path(f"whisker {kind}", "".join(lines)) for kind, lines in whiskers.items()]
+    if marks.links:
+        drawn += [
+            f'<a href="{escape(address)}" tabindex="-1"><title>{escape(said)}</title>{_path(f"mark {kind}", shape)}</a>'
+            for (address, said), kind, shape in zip(marks.links, marks.kind, shapes, strict=True)
+        ]
+    else:
+        alike = defaultdict[str, list[str]](list)
+        for kind, shape in zip(marks.kind, shapes, strict=True):
+            alike[kind].append(shape)
+        drawn += [_path(f"mark {kind}", "".join(outlines)) for kind, outlines in alike.items()]
+    return Markup("".join(drawn))  # noqa: S704 - outlines are numbers and letters; kinds, addresses and words are escaped
 
 
-def _inside(scale: Axis, value: float, frame: Frame) -> float:
-    return min(max(float(scale(value)), frame.top), frame.bottom)
+def _path(style: str, outline: str) -> str:
+    """Write an element of which there are hundreds; :func:`element` looks at each of its parts."""
+    return f'<path d="{outline}" class="{escape(style)}"></path>'
 
 
 def _shape(kind: str, x: float, y: float) -> str:
@@ -340,7 +348,7 @@ def sisters_chart(title: str, lines: Sequence[ShareLine], frame: Frame, write: C
     for moment, words in time_ticks(time.start, time.end, frame.places):
         drawn.append(label(words, time.place(moment), frame.height - 8.0, text_anchor="middle", class_="quiet"))
     for number, line in enumerate(lines):
-        x = np.array([time.place(moment) for moment in line.at])
+        x = time.places(line.at)
         y = np.asarray(scale(100.0 * np.array(line.share)))
         dashes = "" if line.is_own else DASHES[1 + number % (len(DASHES) - 1)]
         drawn.append(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import ColumnElement, bindparam, func, select
 from sqlalchemy.orm import Session
 
 from service.store.lookup import existing
@@ -15,6 +15,7 @@ WITHDRAWN = "withdrawn"
 OPEN = (ACTIVE, ACKNOWLEDGED)
 #: Epoch of alarms that the charts of this version of the program do not raise: no fold comes to it.
 OF_OLDER_CHARTS = -1
+_N_OPEN = select(func.count()).where(AlarmRow.axis_id == bindparam("axis_id"), AlarmRow.status.in_(OPEN))
 _ARCHIVED = select(AxisRow.id).where(AxisRow.archived_at.is_not(None))
 
 
@@ -40,8 +41,7 @@ def list_alarms(
 
 def count_open(session: Session, axis_id: str) -> int:
     """Count the alarms of an axis that are not cleared."""
-    query = select(func.count()).where(AlarmRow.axis_id == axis_id, AlarmRow.status.in_(OPEN))
-    return int(session.scalar(query) or 0)
+    return int(session.scalar(_N_OPEN, {"axis_id": axis_id}) or 0)
 
 
 def list_open(session: Session) -> list[AlarmRow]:
@@ -92,7 +92,7 @@ def events_of(session: Session, alarm_ids: Sequence[int]) -> dict[int, list[Alar
     """Return the changes of alarms by alarm, oldest first."""
     query = select(AlarmEventRow).where(AlarmEventRow.alarm_id.in_(alarm_ids)).order_by(AlarmEventRow.id)
     events: dict[int, list[AlarmEventRow]] = {alarm_id: [] for alarm_id in alarm_ids}
-    for event in session.scalars(query):
+    for event in session.scalars(query) if alarm_ids else ():
         events[event.alarm_id].append(event)
     return events
 

@@ -12,12 +12,18 @@ from service.errors import UnknownResourceError
 from service.json_types import JsonObject
 from service.store.tables import AxisRow, CountsByReason, MaintenanceRow
 
-_KEY = select(AxisRow.number, AxisRow.revision).where(AxisRow.id == bindparam("axis_id"))
+_KEY = select(AxisRow.number, AxisRow.revision, AxisRow.active_calibration_id).where(AxisRow.id == bindparam("axis_id"))
 _AXIS = select(AxisRow).where(AxisRow.id == bindparam("axis_id"))
 #: What is stored of an axis as documents: its configuration, the state and the limits of its charts.
 _DOCUMENTS = (AxisRow.configuration, AxisRow.monitor_state, AxisRow.detector_design)
 _AS_TEXTS = select(AxisRow, *(cast(document, Text) for document in _DOCUMENTS)).options(
     *(defer(document, raiseload=True) for document in _DOCUMENTS)
+)
+_AXIS_AS_TEXTS = _AS_TEXTS.where(AxisRow.id == bindparam("axis_id"))
+_LOG = (
+    select(MaintenanceRow)
+    .where(MaintenanceRow.axis_id == bindparam("axis_id"))
+    .order_by(MaintenanceRow.at, MaintenanceRow.id)
 )
 Documents = tuple[str | None, ...]
 
@@ -53,7 +59,7 @@ def list_axes(session: Session) -> list[AxisRow]:
 
 def axis_with_documents(session: Session, axis_id: str) -> tuple[AxisRow, Documents]:
     """Return an axis without its documents, and their texts; say so if there is none of that name."""
-    row_and_texts = session.execute(_AS_TEXTS.where(AxisRow.id == axis_id)).one_or_none()
+    row_and_texts = session.execute(_AXIS_AS_TEXTS, {"axis_id": axis_id}).one_or_none()
     if row_and_texts is None:
         raise no_axis(axis_id)
     row, *texts = row_and_texts
@@ -97,6 +103,7 @@ class AxisKey(NamedTuple):
 
     number: int
     revision: int  # how often its row was changed: with every measurement that was judged, for one
+    active_calibration_id: int | None
 
 
 def key_of(connection: Session | Connection, axis_id: str) -> AxisKey:
@@ -119,8 +126,7 @@ def revisions(session: Session) -> dict[str, int]:
 
 def maintenance_log(session: Session, axis_id: str) -> list[MaintenanceRow]:
     """Return all entries of an axis by when the work was done, corrected ones included."""
-    query = select(MaintenanceRow).where(MaintenanceRow.axis_id == axis_id)
-    return list(session.scalars(query.order_by(MaintenanceRow.at, MaintenanceRow.id)))
+    return list(session.scalars(_LOG, {"axis_id": axis_id}))
 
 
 def standing_entries(log: list[MaintenanceRow]) -> list[MaintenanceRow]:

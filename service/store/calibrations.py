@@ -2,17 +2,24 @@
 
 from datetime import datetime
 
-from sqlalchemy import Connection, select, update
+from sqlalchemy import Connection, bindparam, select, update
 from sqlalchemy.orm import Session
 
 from monitor_core.preload import Calibration
 from monitor_core.recordings.calibration_file import calibration_from_document
 from service.errors import PreconditionError
 from service.store.intake import AxisRecord
-from service.store.lookup import existing_of
+from service.store.lookup import Remembered, existing_of
 from service.store.tables import ActivationRow, AxisRow, CalibrationRow
 
 MOST_KNOWN = 1000
+# Statements are built once: to build one takes longer than to run it.
+_CALIBRATIONS = (
+    select(CalibrationRow).where(CalibrationRow.axis_id == bindparam("axis_id")).order_by(CalibrationRow.id.desc())
+)
+_ACTIVATIONS = (
+    select(ActivationRow).where(ActivationRow.axis_id == bindparam("axis_id")).order_by(ActivationRow.id.desc())
+)
 
 
 def get_calibration(session: Session, axis_id: str, calibration_id: int) -> CalibrationRow:
@@ -38,7 +45,7 @@ class CalibrationsInForce:
     """Calibrations as the core's records. A stored one never changes, so that each is read and checked once."""
 
     def __init__(self) -> None:
-        self._known: dict[int, Calibration] = {}
+        self._known = Remembered(MOST_KNOWN)
 
     def of(self, connection: Connection, axis: AxisRecord) -> Calibration | None:
         """Return the calibration in force on an axis."""
@@ -48,26 +55,22 @@ class CalibrationsInForce:
         """Return the calibration of an axis that has a number; None for none."""
         if number is None:
             return None
-        calibration = self._known.get(number)
-        if calibration is None:
+
+        def read() -> Calibration:
             with Session(connection) as session:
-                calibration = calibration_from_document(get_calibration(session, axis_id, number).document)
-            if len(self._known) >= MOST_KNOWN:
-                self._known.clear()
-            self._known[number] = calibration
-        return calibration
+                return calibration_from_document(get_calibration(session, axis_id, number).document)
+
+        return self._known.of((axis_id, number), None, read)
 
 
 def list_calibrations(session: Session, axis_id: str) -> list[CalibrationRow]:
     """Return the calibrations of an axis, newest first."""
-    query = select(CalibrationRow).where(CalibrationRow.axis_id == axis_id).order_by(CalibrationRow.id.desc())
-    return list(session.scalars(query))
+    return list(session.scalars(_CALIBRATIONS, {"axis_id": axis_id}))
 
 
 def list_activations(session: Session, axis_id: str) -> list[ActivationRow]:
     """Return the history of activations of an axis, newest first."""
-    query = select(ActivationRow).where(ActivationRow.axis_id == axis_id).order_by(ActivationRow.id.desc())
-    return list(session.scalars(query))
+    return list(session.scalars(_ACTIVATIONS, {"axis_id": axis_id}))
 
 
 def date_back(session: Session, axis_id: str, at: datetime) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from threading import local
 from typing import Any, cast
 from weakref import WeakKeyDictionary
 
@@ -47,6 +48,7 @@ class Database:
         _COMMITS[self.engine] = _Commits()
         self.file = database_file(url)  # None: kept by a server
         self._locks = AxisLocks()
+        self._moment = local()  # of each thread: the connection of :meth:`at_one_moment`
         self._schema: str | None = None  # that this program writes, as soon as it is brought up to date
 
     @contextmanager
@@ -76,9 +78,29 @@ class Database:
             yield
 
     @contextmanager
+    def at_one_moment(self) -> Iterator[None]:
+        """Let all that is read inside be read over one connection, as :func:`reading` does: a page is many answers."""
+        with self.connect() as connection, reading(connection):
+            self._moment.connection = connection
+            try:
+                yield
+            finally:
+                self._moment.connection = None
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """Open a connection, to read what was committed at one moment."""
+        opened: Connection | None = getattr(self._moment, "connection", None)
+        if opened is not None:
+            yield opened
+            return
+        with self.connect() as connection, reading(connection):
+            yield connection
+
+    @contextmanager
     def read(self) -> Iterator[Session]:
         """Open a session for reading."""
-        with self.connect() as connection, reading(connection), Session(connection, expire_on_commit=False) as session:
+        with self.reading() as connection, Session(connection, expire_on_commit=False) as session:
             yield session
 
     @contextmanager

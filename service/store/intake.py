@@ -160,6 +160,9 @@ _OVERDUE = select(_MEASUREMENTS.c.axis_id, _MEASUREMENTS.c.id).where(
 _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256, _WINDOWS.c.measurement_id).where(
     _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("starts", expanding=True))
 )
+_OUTCOMES = select(_DOCUMENTS.c.measurement_id, _DOCUMENTS.c.outcome).where(
+    _DOCUMENTS.c.measurement_id.in_(bindparam("measurements", expanding=True))
+)
 _NEW_MEASUREMENT = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id)
 _NEW_WINDOW = insert(_WINDOWS)
 _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
@@ -235,10 +238,8 @@ def contents_at(
 
 def outcomes_of(connection: Connection, measurement_ids: Collection[int]) -> dict[int, JsonObject]:
     """Return what was said about measurements, by their number."""
-    query = select(_DOCUMENTS.c.measurement_id, _DOCUMENTS.c.outcome).where(
-        _DOCUMENTS.c.measurement_id.in_(measurement_ids)
-    )
-    return {row.measurement_id: row.outcome for row in connection.execute(query)}
+    rows = connection.execute(_OUTCOMES, {"measurements": list(measurement_ids)})
+    return {row.measurement_id: row.outcome for row in rows}
 
 
 def add_windows(connection: Connection, windows: Iterable[WindowRecord]) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 
-from sqlalchemy import and_, func, literal, or_, select, text, tuple_, update
+from sqlalchemy import and_, bindparam, func, literal, or_, select, text, tuple_, update
 from sqlalchemy.orm import Session
 
 from service.clock import now
@@ -51,6 +51,12 @@ class ReportStore:
 QUEUED, RUNNING, DONE, FAILED, CANCELLED = "queued", "running", "done", "failed", "cancelled"
 #: As the index has it: a parameter in its place would hide that from the database.
 UNFINISHED = text("jobs.status IN ('queued', 'running')")
+_FINISHED = (
+    select(JobRow)
+    .where(JobRow.axis_id == bindparam("axis_id"), JobRow.kind == bindparam("kind"), JobRow.status == DONE)
+    .order_by(JobRow.updated_at.desc())
+    .limit(bindparam("most"))
+)
 
 
 def get_job(session: Session, job_id: str) -> JobRow:
@@ -72,8 +78,7 @@ def list_jobs(session: Session, axis_id: str | None, limit: int, after: str | No
 
 def finished_jobs(session: Session, axis_id: str, kind: str, limit: int) -> list[JobRow]:
     """Return jobs of one kind that came to their end, the one that ended last first."""
-    query = select(JobRow).where(JobRow.axis_id == axis_id, JobRow.kind == kind, JobRow.status == DONE)
-    return list(session.scalars(query.order_by(JobRow.updated_at.desc()).limit(limit)))
+    return list(session.scalars(_FINISHED, {"axis_id": axis_id, "kind": kind, "most": limit}))
 
 
 def newest_job(session: Session, axis_id: str, kind: str) -> JobRow | None:

@@ -1,11 +1,13 @@
-"""Return a row that is asked for by its number or name, or refuse a name that nothing has."""
+"""Return a row that is asked for by its number or name, or refuse a name that nothing has; remember what rows say."""
 
-from typing import TypeVar
+from collections.abc import Callable
+from typing import TypeVar, cast
 
 from service.errors import UnknownResourceError
 from service.store.tables import CalibrationRow, MeasurementRow, PinRow, RecordingRow
 
 Row = TypeVar("Row")
+Said = TypeVar("Said")
 RowOfAxis = TypeVar("RowOfAxis", CalibrationRow, MeasurementRow, PinRow, RecordingRow)
 
 
@@ -21,3 +23,24 @@ def existing_of(axis_id: str, row: RowOfAxis | None, name: str) -> RowOfAxis:
     if row is None or row.axis_id != axis_id:
         raise UnknownResourceError(f"axis '{axis_id}' has no {name}")
     return row
+
+
+class Remembered:
+    """What was said of many things, each by its name, until what it rests on is another: told by a key.
+
+    That of an axis is the revision of its row, which changes with everything that the charts, or a page of the trend,
+    rest on; or the very values.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._said: dict[object, tuple[object, object]] = {}
+
+    def of(self, name: object, key: object, say: Callable[[], Said]) -> Said:
+        """Return what was said, or say it anew if the key is another one; one name stands for one kind of answer."""
+        known = self._said.get(name)
+        if known is None or known[0] != key:
+            if len(self._said) >= self._most:
+                self._said.clear()
+            known = self._said[name] = key, say()
+        return cast(Said, known[1])

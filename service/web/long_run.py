@@ -25,7 +25,6 @@ from service.operations.monitoring.long_run import (
 from service.report.trend_chart import (
     LOW_NARROW,
     LOW_WIDE,
-    Mark,
     ShareLine,
     TrendPicture,
     Wedge,
@@ -34,9 +33,9 @@ from service.report.trend_chart import (
 )
 from service.report.waterfall import Response as DrawnResponse, waterfall
 from service.store.trend.points import Span
-from service.store.trend.shown import ShownPoint
+from service.store.trend.shown import ShownPoint, ToldColumns
 from service.web.site import PageOf
-from service.web.trend_view import Charts, or_nan, twice
+from service.web.trend_view import Charts, preload_marks, twice
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -125,11 +124,7 @@ def _projection(words: Words, axis: str, projected: ProjectedPreload, on: Servic
     last = projected.at[0]
     start = projected.since - (last - projected.since) / 2
     points = on.trend.at_resolution(axis, Span(start), _BEFORE).points
-    marks = [
-        Mark(point.at, point.preload_n, or_nan(point.interval_lower_n), or_nan(point.interval_upper_n), point.state, "")
-        for point in points
-        if point.preload_n is not None
-    ]
+    marks = preload_marks(ToldColumns.of([point for point in points if point.preload_n is not None]))
     wedge = Wedge(projected.at, projected.preload_n, projected.lower_n, projected.upper_n)
     picture = TrendPicture(words(N_("Projection of the preload")), "N", start, projected.at[-1], marks, wedge=wedge)
     return twice(words, partial(trend_chart, picture), LOW_WIDE, LOW_NARROW)

@@ -21,7 +21,7 @@ _REACH = 1.96
 
 def decimal(words: Words, text: str) -> str:
     """Return a number as this language writes it: with its own decimal mark."""
-    return text.replace(".", words.locale.number_symbols["latn"]["decimal"]).replace("-", "−")
+    return text.replace(".", words.decimal).replace("-", "−")
 
 
 def number(words: Words, value: float | None, digits: int = 3) -> str:
@@ -61,9 +61,8 @@ def when(value: datetime | str | None) -> str | Markup:
     if value is None:
         return UNKNOWN
     moment = _moment(value).astimezone(UTC)
-    return Markup('<time datetime="{}" data-local>{}</time>').format(
-        moment.isoformat().replace("+00:00", "Z"), moment.strftime("%Y-%m-%d %H:%M UTC")
-    )
+    stated = moment.isoformat().replace("+00:00", "Z")
+    return Markup(f'<time datetime="{stated}" data-local>{moment:%Y-%m-%d %H:%M} UTC</time>')  # noqa: S704 - digits
 
 
 def day(value: datetime | str | None) -> str | Markup:
@@ -113,15 +112,14 @@ def install(environment: Environment) -> None:
 
     def spoken(write: Callable[..., object]) -> Callable[..., object]:
         @pass_context
-        def in_words_of_page(context: Context, *arguments: Any) -> object:  # noqa: ANN401 - whatever a filter takes
-            return write(context["words"], *arguments)
+        def in_words_of_page(context: Context, /, *arguments: Any, **values: Any) -> object:  # noqa: ANN401 - any filter's
+            return write(context["words"], *arguments, **values)
 
         return in_words_of_page
 
-    def plural(words: Words, one_of_it: str, several: str, n: int) -> str:
-        return words.texts.ngettext(one_of_it, several, n)
+    def plural(words: Words, one_of_it: str, several: str, n: int, /, **values: object) -> Markup:
+        return Markup(words.texts.ngettext(one_of_it, several, n)) % (values | {"num": n})  # noqa: S704 - a template's
 
-    translated = spoken(Words.__call__)
     environment.filters |= {
         "number": spoken(number),
         "stated": spoken(stated),
@@ -132,6 +130,8 @@ def install(environment: Environment) -> None:
         "when": when,
         "day": day,
         "shares": shares_in_words,
-        "translated": translated,
+        "translated": spoken(Words.__call__),
+        "called": spoken(Words.called),
     }
-    environment.install_gettext_callables(translated, spoken(plural), newstyle=True)  # type: ignore[attr-defined]
+    environment.newstyle_gettext = True  # type: ignore[attr-defined]  # values of {% trans %} come as arguments
+    environment.globals |= {"_": spoken(Words.marked), "gettext": spoken(Words.marked), "ngettext": spoken(plural)}

@@ -27,6 +27,7 @@ environment: Final = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
     extensions=["jinja2.ext.i18n"],
+    auto_reload=False,  # they are a part of the program: no file is looked at for a page
 )
 shown.install(environment)
 

@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
-from typing import Final, TypeVar
+from typing import Final, Literal, TypeVar
 
+import numpy as np
 from markupsafe import Markup
 
-from service.documents.measurement import interval_of
+from service.documents.measurement import ends_of, numbers_of
 from service.documents.said import N_
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
@@ -24,23 +25,15 @@ from service.report.trend_chart import (
     Band,
     LaneEvent,
     Line,
-    Mark,
+    Marks,
     TrendPicture,
     trend_chart,
 )
-from service.store.trend.shown import ShownPoint
+from service.store.trend.shown import ShownPoint, ToldColumns
 from service.web.forms import ShownRange
 from service.web.shown import decimal, with_interval
-from service.web.words import Words
+from service.web.words import CALLED, Words
 
-#: What was done to an axis, in words short enough for a lane.
-WORK: Final = {
-    "lubricated": N_("lubricated"),
-    "nut-replaced": N_("nut replaced"),
-    "screw-replaced": N_("screw replaced"),
-    "mounting": N_("mounting changed"),
-    "other": N_("other work"),
-}
 #: Points of a picture: as many as a page of 100 kB has room for, each a link to its measurement.
 MOST_SHOWN: Final = 120
 _ON_A_PHONE: Final = 70
@@ -63,45 +56,60 @@ def twice(words: Words, draw: Callable[[Size, Callable[[str], str]], Markup], wi
     return Charts(draw(wide, write), draw(narrow, write))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """Points of a trend as they are drawn: all on wide pages, fewer on phones."""
+
+    wide: ToldColumns
+    narrow: ToldColumns
+
+    @classmethod
+    def of(cls, points: Sequence[ShownPoint]) -> "Drawn":
+        """Return points for the charts of a page."""
+        return cls(ToldColumns.of(points), ToldColumns.of(thinned(points, _ON_A_PHONE)))
+
+    def of_size(self, frame: Frame) -> ToldColumns:
+        """Return those of a frame."""
+        return self.wide if frame in (WIDE, LOW_WIDE) else self.narrow
+
+
 def preload_charts(
-    words: Words, axis_id: str, points: Sequence[ShownPoint], shown: ShownRange, *,
+    words: Words, axis_id: str, drawn: Drawn, shown: ShownRange, *,
     history: AxisHistory, events: Sequence[LaneEvent], level: Band | None = None,
 ) -> Charts:  # fmt: skip
     """Draw the preload with its intervals, the baseline, the line through it, and what happened to the axis.
 
     ``level`` is drawn where the history holds no baseline of that time.
     """
-    band = level
+    band, title, through = level, words(N_("Preload over time")), _through(history)
     if history.baseline is not None:
         lower, upper = history.baseline.prediction_interval_95_n
         band = Band(history.baseline.preload_n, lower, upper, words(N_("baseline")))
 
-    def drawn(frame: Frame, write: Callable[[str], str]) -> Markup:
-        chosen = points if frame is WIDE else thinned(points, _ON_A_PHONE)
-        marks = [_mark(words, axis_id, point) for point in chosen]
-        title, through = words(N_("Preload over time")), _through(history)
-        picture = TrendPicture(title, "N", shown.start, shown.end, marks, events, band, through)
-        return trend_chart(picture, frame, write, linked=frame is WIDE)
+    def draw(frame: Frame, write: Callable[[str], str]) -> Markup:
+        told = drawn.of_size(frame)
+        marks = preload_marks(told, words if frame is WIDE else None, axis_id)
+        return trend_chart(TrendPicture(title, "N", shown.start, shown.end, marks, events, band, through), frame, write)
 
-    return twice(words, drawn, WIDE, NARROW)
+    return twice(words, draw, WIDE, NARROW)
 
 
 def low_charts(
-    words: Words, name: tuple[str, str], points: Sequence[ShownPoint], shown: ShownRange,
-    value_of: Callable[[ShownPoint], float | None], *, events: Sequence[LaneEvent] = (),
+    words: Words, name: tuple[str, str], quantity: Literal["drag_torque_nm", "frequency_hz"], drawn: Drawn,
+    shown: ShownRange, *, events: Sequence[LaneEvent] = (),
 ) -> Charts:  # fmt: skip
     """Draw another quantity of the same measurements, by its title and its unit."""
 
-    def drawn(frame: Frame, write: Callable[[str], str]) -> Markup:
-        chosen = points if frame is LOW_WIDE else thinned(points, _ON_A_PHONE)
-        marks = [
-            Mark(point.at, or_nan(value_of(point)), math.nan, math.nan, kind, "")
-            for point in chosen
-            for kind in ["refused" if point.refusal_reason else point.state]
+    def draw(frame: Frame, write: Callable[[str], str]) -> Markup:
+        told = drawn.of_size(frame)
+        kinds = [
+            "refused" if refusal else state for refusal, state in zip(told.refusal_reason, told.state, strict=True)
         ]
+        nothing = np.full(len(kinds), math.nan)
+        marks = Marks(told.at, numbers_of(getattr(told, quantity)), nothing, nothing, kinds)
         return trend_chart(TrendPicture(*name, shown.start, shown.end, marks, events), frame, write)
 
-    return twice(words, drawn, LOW_WIDE, LOW_NARROW)
+    return twice(words, draw, LOW_WIDE, LOW_NARROW)
 
 
 def lane_of(
@@ -118,7 +126,7 @@ def lane_of(
         cleared = view.last_to("cleared")
         if cleared is not None:
             events.append(LaneEvent(cleared.at, "cleared", words(N_("cleared"))))
-    events += [LaneEvent(row.at, "work", words(WORK[row.kind])) for row in history.events]
+    events += [LaneEvent(row.at, "work", words(CALLED["work"][row.kind])) for row in history.events]
     if history.baseline is not None:
         events.append(LaneEvent(history.baseline.ended_at, "learnt", words(N_("learnt"))))
     return events
@@ -129,20 +137,33 @@ def thinned(points: Sequence[ShownPoint], most: int) -> list[ShownPoint]:
     return [*thin_out(points[:-1], most - 1), *points[-1:]]
 
 
-def _mark(words: Words, axis_id: str, point: ShownPoint) -> Mark:
-    lower, upper = interval_of(point) if point.preload_n is not None else (None, None)
-    kind = "refused" if point.refusal_reason else "doubt" if point.doubts else point.state
-    value, half = with_interval(words, point.preload_n, (lower, upper))
-    text = words(N_("refused")) if point.refusal_reason else f"{value} N{f' ± {half}' if half else ''}"
-    return Mark(
-        at=point.at,
-        value=or_nan(point.preload_n),
-        lower=or_nan(lower),
-        upper=math.inf if upper is None and lower is not None else or_nan(upper),
-        kind=kind,
-        words=f"{point.at:%Y-%m-%d %H:%M} UTC: {text}",
-        href=f"/axes/{axis_id}/measurements/{point.measurement_id}",
-    )
+def preload_marks(told: ToldColumns, words: Words | None = None, axis_id: str = "") -> Marks:
+    """Return preloads as they are drawn; with words each leads to its measurement, and says its value."""
+    at, ends = told.at, ends_of(told)
+    value, lower, upper = numbers_of(told.preload_n), *map(numbers_of, ends)
+    lower[np.isnan(value)] = math.nan
+    upper[np.isnan(upper)] = math.inf
+    kinds = [
+        "refused" if refusal else "doubt" if own or places else state
+        for refusal, own, places, state in zip(
+            told.refusal_reason, told.doubt, told.places_disagree, told.state, strict=True
+        )
+    ]
+    links = [] if words is None else [
+        (
+            f"/axes/{axis_id}/measurements/{number}",
+            f"{moment:%Y-%m-%d %H:%M} UTC: {words(N_('refused')) if refusal else _value(words, preload, both)}",
+        )
+        for number, moment, refusal, preload, *both in zip(
+            told.measurement_id, at, told.refusal_reason, told.preload_n, *ends, strict=True
+        )
+    ]  # fmt: skip
+    return Marks(at, value, lower, upper, kinds, links)
+
+
+def _value(words: Words, preload: float | None, ends: Sequence[float | None]) -> str:
+    value, half = with_interval(words, preload, ends)
+    return f"{value} N{f' ± {half}' if half else ''}"
 
 
 def _through(history: AxisHistory) -> Line | None:
@@ -152,8 +173,3 @@ def _through(history: AxisHistory) -> Line | None:
     years = (line.ended_at - line.started_at) / timedelta(days=365.25)
     at_start = line.preload_at_end_n - line.slope_n_per_year * years
     return Line((line.started_at, at_start), (line.ended_at, line.preload_at_end_n))
-
-
-def or_nan(value: float | None) -> float:
-    """Return a value as charts take it: NaN where it is not known."""
-    return math.nan if value is None else value

@@ -13,10 +13,62 @@ from typing import Final
 from babel import Locale, UnknownLocaleError
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po
+from markupsafe import Markup, escape
+
+from service.documents.said import N_
 
 LANGUAGES: Final = Path(__file__).parent / "languages"
 #: Of the texts as they stand in the sources.
 SOURCE: Final = "en"
+
+#: What the codes of the service are called on pages, by their kind.
+CALLED: Final[dict[str, dict[str, str]]] = {
+    "state": {
+        "alarm": N_("alarm"), "alert": N_("alert"), "unknown": N_("unknown"), "learning": N_("learning"),
+        "normal": N_("normal"), "refused": N_("refused"), "doubt": N_("in doubt"), "not monitored": N_("not monitored"),
+    },
+    "reason": {
+        "not-finite": N_("samples that are no numbers"), "clipped": N_("a channel is clipped"),
+        "dead-channel": N_("a channel is dead"), "stuck-channel": N_("a channel is stuck"),
+        "too-short": N_("too short"), "slow-length": N_("a length that takes too long to compute"),
+        "sample-rate-mismatch": N_("another sample rate"), "length-mismatch": N_("another length"),
+        "position-span-too-wide": N_("the table moved too far"), "little-excitation": N_("too little excitation"),
+        "outlying-window": N_("unlike the other windows"), "position-mismatch": N_("another position"),
+        "clock-ahead": N_("a clock that is ahead"), "too-late": N_("arrived too late"),
+        "too-few-averages": N_("too few windows"), "no-peak-in-band": N_("no mode in the band"),
+        "low-coherence": N_("low coherence"), "wrong-phase": N_("wrong phase"), "ambiguous-modes": N_("several modes"),
+        "uncertain-frequency": N_("frequency too uncertain"), "fit-failed": N_("no fit was found"),
+        "excitation-source-mismatch": N_("another source of excitation"), "not-calibrated": N_("not calibrated"),
+        "outside-calibration": N_("outside the calibration"), "moved-mass-mismatch": N_("another moved mass"),
+        "damping-mismatch": N_("another damping"), "waveform-damaged": N_("stored samples are damaged"),
+    },
+    "work": {
+        "lubricated": N_("lubricated"), "nut-replaced": N_("nut replaced"), "screw-replaced": N_("screw replaced"),
+        "mounting": N_("mounting changed"), "other": N_("other work"),
+    },
+    "job": {
+        "replay": N_("Replay of a session"), "rejudgement": N_("History judged anew"),
+        "identification": N_("Joints identified"), "discrepancy": N_("Model compared with measurements"),
+        "purge": N_("Waveforms let go"), "import": N_("Recording taken"), "check": N_("Recording looked into"),
+        "calibration": N_("Calibration fitted"), "alarm-explanation": N_("Cause of an alarm"),
+        "trial": N_("Trial axis made"),
+    },
+    "job status": {
+        "queued": N_("waits"), "running": N_("at work"), "done": N_("done"), "failed": N_("failed"),
+        "cancelled": N_("cancelled"),
+    },
+    "uncharted": {
+        "preload-set": N_("preload was set on purpose"), "too-late": N_("arrived too late"),
+        "waveform-gone": N_("its waveform is gone"),
+    },
+    "setting": {
+        "name": N_("Name"), "false_alarms_per_year": N_("False alarms a year"),
+        "silent_after_hours": N_("Silent after (hours)"), "windows_per_measurement": N_("Windows of a measurement"),
+        "search_band_hz": N_("Search band"), "machine": N_("Machine"), "machine_place": N_("Place of the machine"),
+        "commissioned_preload_n": N_("Commissioned preload"), "commissioned_at": N_("Put into service"),
+        "drive_model": N_("Drive model"),
+    },
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +78,20 @@ class Words:
     language: str
     locale: Locale
     texts: NullTranslations
+    decimal: str  # mark in numbers
 
     def __call__(self, text: str) -> str:
         """Return a text in this language."""
         return self.texts.gettext(text)
+
+    def marked(self, text: str, /, **values: object) -> Markup:
+        """Return a text of a template, which may hold elements, with values in the places that it names."""
+        return _marked(self.texts, text) % values if values else _marked_alone(self.texts, text)
+
+    def called(self, code: str, kind: str) -> Markup:
+        """Return what a code is called; one that nobody has named stands as it is."""
+        text = CALLED[kind].get(code)
+        return escape(code) if text is None else self.marked(text)
 
 
 _FILES: Final = {path.stem: path for path in LANGUAGES.glob("*.po")}
@@ -47,14 +109,28 @@ def _texts_of(language: str) -> NullTranslations:
     return GNUTranslations(compiled)
 
 
+@cache  # there are as many as the templates have
+def _marked(texts: NullTranslations, text: str) -> Markup:
+    return Markup(texts.gettext(text))  # noqa: S704 - as the template has it, or the catalogue
+
+
+@cache
+def _marked_alone(texts: NullTranslations, text: str) -> Markup:
+    return _marked(texts, text) % {}
+
+
 @lru_cache(maxsize=256)
 def words_for(accepted: str) -> Words:
     """Return the language that a browser likes best of those there are, by its ``Accept-Language``."""
     for tag in _by_preference(accepted):
         language = tag.partition("-")[0].lower()
         if language in (SOURCE, *_FILES):
-            return Words(language, _locale(tag, language), _texts_of(language))
-    return Words(SOURCE, Locale(SOURCE), _texts_of(SOURCE))
+            return _words(language, _locale(tag, language))
+    return _words(SOURCE, Locale(SOURCE))
+
+
+def _words(language: str, locale: Locale) -> Words:
+    return Words(language, locale, _texts_of(language), locale.number_symbols["latn"]["decimal"])
 
 
 def _locale(tag: str, language: str) -> Locale:

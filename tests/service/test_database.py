@@ -9,7 +9,7 @@ from sqlalchemy import select, text
 
 from service.errors import StorageError
 from service.operations.monitoring.extremes import extremes
-from service.store import intake
+from service.store import axes, intake
 from service.store.database import Database, reading, writing
 from service.store.intake import MeasurementRecord
 from service.store.tables import AxisRow, MeasurementRow, WindowRow
@@ -27,6 +27,24 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "sqlite":
         return f"sqlite:///{tmp_path}/preload.db"
     return emptied(request.getfixturevalue("postgresql"))
+
+
+def test_answers_of_one_moment_know_nothing_of_what_is_written_meanwhile(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'preload.db'}")
+    database.migrate()
+
+    def n_axes() -> int:
+        with database.read() as session:
+            return len(axes.names(session))
+
+    with database.at_one_moment():
+        before = n_axes()
+        with database.write() as session:
+            axis = axes.new_axis(session, "axis", START)
+            axis.name, axis.configuration, axis.detector_design = "axis", {}, {}
+            session.add(axis)
+        assert n_axes() == before == 0
+    assert n_axes() == 1
 
 
 def fill(api: Api) -> None:

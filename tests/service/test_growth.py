@@ -20,8 +20,8 @@ from service.web.pages import PAGES
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 from tests.service.long_history import lengthen
 
-#: The short history fills every list that has an end, with one in fifty made for a calibration; the summaries that the
-#: axis page draws go on to fill until 50,000, by a quarter of its steps.
+#: The short history fills every list that has an end, with one in fifty made for a calibration. What is drawn is
+#: remembered; the first look at a year reads a summary of each of its days.
 SHORT, LONG = 3_200, 12_800
 #: Of an index that is one level deeper, and of pages that split; not of rows that are passed one by one.
 MOST_GROWTH, MOST_MORE = 1.2, 60

@@ -1,14 +1,17 @@
 """The pages say what the axis says, load nothing from outside, and show the paper's rule by name."""
 
 import re
+from datetime import timedelta
 
 import httpx
+import numpy as np
 
 from monitor_core.recordings import open_session
 from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
 from service.cli.remote.client import Client
 from service.cli.remote.server import embedded_service
 from service.settings import BUNDLED_SESSIONS, Settings
+from tests.service.conftest import START, running_service, simulated_measurement
 
 
 def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> None:
@@ -45,3 +48,24 @@ def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> N
     for text in (page, fleet):
         assert "http://" not in text
         assert "https://" not in text
+
+
+def test_a_picture_is_drawn_anew_when_what_it_shows_has_changed(tmp_path) -> None:
+    rng, lubricated = np.random.default_rng(4), 'class="event work"'
+    with running_service(tmp_path) as api:
+        api.register("axis", windows_per_measurement=2, minimum_averages=2)
+        api.calibrate("axis")
+        for number in (1, 2, 3):
+            at = START + timedelta(days=number)
+            api.accept("axis", simulated_measurement(rng, f"m{number}", n_windows=2, started_at=at))
+            pages = [api.http.get("/axes/axis").text for _ in range(2)]
+            marks = [sorted(set(re.findall(r'measurements/(\d+)" tabindex', page))) for page in pages]
+            assert marks == [[str(n) for n in range(1, number + 1)]] * 2
+        assert lubricated not in pages[-1]
+        entry = {"at": (START + timedelta(days=2)).isoformat(), "who": "Anna", "kind": "lubricated"}
+        assert api.http.post("/v1/axes/axis/maintenance", json=entry).status_code == 201
+        page = api.http.get("/axes/axis").text
+        in_german = api.http.get("/axes/axis", headers={"accept-language": "de"}).text
+    assert lubricated in page
+    assert ">geschmiert<" in in_german
+    assert ">geschmiert<" not in page

@@ -1,15 +1,17 @@
 """Summarise the history of an axis: what is normal, where the trend goes, how often it alarms falsely."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from sqlalchemy.orm import Session
 
 from monitor_core.preload import Calibration
 from monitor_core.trend import (
     ClosedSession,
     DetectorDesign,
     Prior,
-    Session,
+    Session as MeasuredSession,
     found_rate,
     healthy_sessions,
     trend_line,
@@ -25,16 +27,18 @@ from service.documents.history import (
     line_view,
 )
 from service.operations.monitoring.intake.chart_state import load_design, load_state
-from service.store import axes, calibrations
+from service.store import axes
+from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
+from service.store.lookup import Remembered
 from service.store.rejudged import Stale, stale_axes
 from service.store.tables import MaintenanceRow
 from service.store.trend.sessions import SessionRecord, newest_sessions
 
 #: The newest sessions are looked at: a year of them, at one a day.
 MOST_SESSIONS = 400
-#: Axes whose answer is remembered until their next session is over.
-_MOST_REMEMBERED = 5000
+#: So many answers are remembered, two of each axis.
+_MOST_REMEMBERED = 10_000
 #: Where the resampling begins: the same history gives the same answer.
 _SEED = 20180301
 
@@ -56,30 +60,31 @@ class History:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._said: dict[str, tuple[object, tuple[LineView | None, FalseAlarmsView]]] = {}
+        self._calibrations = CalibrationsInForce()
+        self._remembered = Remembered(_MOST_REMEMBERED)
 
     def of(self, axis_id: str) -> AxisHistory:
         """Return what is normal for an axis, the line through its trend, and its rate of false alarms."""
         with self._database.read() as session:
-            row = axes.get_axis(session, axis_id)
-            calibration = calibrations.active_calibration(session, row)
+            key = axes.key_of(session, axis_id)
+            said = self._remembered.of(axis_id, key, partial(self._read, session, axis_id))
             events = tuple(axes.standing_entries(axes.maintenance_log(session, axis_id)))
-            stale = stale_axes(session, axis_id).get(axis_id)
-            if calibration is None or row.active_calibration_id is None:
-                return AxisHistory(None, None, None, events=events, stale=stale)
-            sessions = newest_sessions(session.connection(), row.number, row.active_calibration_id, MOST_SESSIONS)
+            return replace(said, events=events, stale=stale_axes(session, axis_id).get(axis_id))
+
+    def _read(self, session: Session, axis_id: str) -> AxisHistory:
+        row, connection = axes.get_axis(session, axis_id), session.connection()
+        calibration = self._calibrations.numbered(connection, axis_id, row.active_calibration_id)
+        if calibration is None or row.active_calibration_id is None:
+            return AxisHistory(None, None, None)
+        sessions = newest_sessions(connection, row.number, row.active_calibration_id, MOST_SESSIONS)
         state, design = load_state(row.monitor_state).detector, load_design(row.detector_design)
-        newest = sessions[-1].started_at if sessions else None
-        key = (row.active_calibration_id, row.epoch, newest, len(sessions), row.detector_design)
-        remembered = self._said.get(axis_id)
-        if remembered is None or remembered[0] != key:
-            if len(self._said) >= _MOST_REMEMBERED:
-                self._said.clear()
-            remembered = key, _long_run(sessions, calibration, design, state.prior, row.epoch)
-            self._said[axis_id] = remembered
-        line, false_alarms = remembered[1]
+        line, false_alarms = self._remembered.of(
+            ("long run", axis_id),
+            (sessions, row.active_calibration_id, row.epoch, row.detector_design),
+            lambda: _long_run(sessions, calibration, design, state.prior, row.epoch),
+        )
         alert = alert_view(state, calibration, design.settings.baseline_size)
-        return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert, events, stale)
+        return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert)
 
 
 def _long_run(
@@ -97,8 +102,8 @@ def _long_run(
     return None if line is None else line_view(line, calibration), false_alarms
 
 
-def _session(record: SessionRecord) -> Session:
-    return Session(
+def _session(record: SessionRecord) -> MeasuredSession:
+    return MeasuredSession(
         record.started_at,
         record.last_at,
         record.n_measurements,

@@ -2,10 +2,14 @@
 
 import base64
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Literal
+from functools import partial
+from typing import Generic, Literal, NamedTuple, TypeVar
+
+from sqlalchemy import Connection
 
 from monitor_core.trend import paper_rule
 from service.clock import now, text_of
@@ -16,8 +20,9 @@ from service.operations.monitoring.axis_configuration import AxisConfiguration, 
 from service.operations.monitoring.extremes import extremes
 from service.operations.monitoring.intake.chart_state import load_design, load_state, state_now
 from service.store import alarms, axes, measurements
-from service.store.database import Database, reading
+from service.store.database import Database
 from service.store.intake import outcomes_of
+from service.store.lookup import Remembered
 from service.store.rejudged import Stale, stale_axes
 from service.store.retention import LetGo, let_go
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, moment_of
@@ -34,6 +39,10 @@ from service.store.trend.shown import PageOf, ShownPoint, ToldColumns, page_of_c
 Only = Literal["refused", "in-doubt"]
 #: A page of some of the measurements looks at so many.
 LOOKED_AT = 2000
+#: So many of the newest measurements say how good the data are now.
+LOOKED_AT_FOR_QUALITY = 200
+#: So many answers are remembered, a few of each axis.
+MOST_REMEMBERED = 20_000
 #: Readings in each group of the paper's rule (Nguyen et al. 2018, section 3.3).
 PAPER_READINGS = 20
 
@@ -130,28 +139,28 @@ class Fleet:
     damaged: list[DamagedAxis]
 
 
-@dataclass(frozen=True, slots=True)
-class TrendPage:
-    """A page of the trend."""
+Points = TypeVar("Points")
 
-    points: list[ShownPoint]
+
+@dataclass(frozen=True, slots=True)
+class TrendPage(Generic[Points]):
+    """A page of the trend, point by point or as columns."""
+
+    points: Points
     next_cursor: str | None
     revision: int  # of the axis when it was read
     stale: Stale | None  # what it says is about to be replaced
 
-    def told(self) -> "ToldPage":
-        """Return it as columns."""
-        return ToldPage(ToldColumns.of(self.points), self.next_cursor, self.revision, self.stale)
-
 
 @dataclass(frozen=True, slots=True)
-class ToldPage:
-    """A page of the trend as columns."""
+class Quality:
+    """How good the newest measurements are."""
 
-    columns: ToldColumns
-    next_cursor: str | None
-    revision: int
-    stale: Stale | None
+    n: int
+    n_refused: int
+    n_in_doubt: int
+    n_without_temperature: int
+    n_without_drag_torque: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +179,7 @@ class Trend:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._newest: dict[str, tuple[int, list[float]]] = {}  # preloads, at a revision of their axis
-        self._read: dict[str, tuple[axes.Documents, AxisConfiguration]] = {}  # documents that can be read
+        self._remembered = Remembered(MOST_REMEMBERED)
 
     def status(self, axis_id: str) -> AxisStatus:
         """Tell how an axis stands; silence for too long is ``unknown``."""
@@ -209,25 +217,44 @@ class Trend:
         return Fleet(statuses, damaged)
 
     def newest_preloads(self, rows: Sequence[AxisRow], most: int) -> dict[str, list[float]]:
-        """Return the newest preloads of axes in time order, for a small picture of each; refused ones have none.
+        """Return the newest preloads of axes in time order, for a small picture of each; refused ones have none."""
 
-        They are read again when the row of the axis has changed.
-        """
-        outdated = [row for row in rows if self._newest.get(row.id, (-1,))[0] != row.revision]
-        with self._database.read() as session:
-            for row in outdated:
-                asked = PageOf(Span(), most, newest_first=True)
-                points = page_of_points(session.connection(), row.number, asked)
-                newest = [point.preload_n for point in reversed(points) if point.preload_n is not None]
-                self._newest[row.id] = row.revision, newest
-        return {row.id: self._newest[row.id][1] for row in rows}
+        def read(row: AxisRow) -> list[float]:
+            points = page_of_points(connection, row.number, PageOf(Span(), most, newest_first=True))
+            return [point.preload_n for point in reversed(points) if point.preload_n is not None]
 
-    def paper_rule(self, axis_id: str) -> PaperRule | None:
-        """Compare the first measurements since the charts began with the latest, as the paper does."""
-        with self._database.read() as session:
-            row, connection = axes.get_axis(session, axis_id), session.connection()
-            if row.epoch_from is None:
-                return None
+        with self._database.reading() as connection:
+            return {
+                row.id: self._remembered.of(("newest", row.id, most), row.revision, partial(read, row)) for row in rows
+            }
+
+    def paper_rule(self, row: AxisRow) -> PaperRule | None:
+        """Compare the first measurements since the charts of an axis began with the latest, as the paper does."""
+        return self._remembered.of(("rule", row.id), row.revision, partial(self._paper_rule, row))
+
+    def quality(self, row: AxisRow) -> Quality | None:
+        """Tell how good the newest measurements of an axis are; None if nothing was measured yet."""
+        return self._remembered.of(("quality", row.id), row.revision, partial(self._quality_of, row))
+
+    def _quality_of(self, row: AxisRow) -> Quality | None:
+        with self._database.reading() as connection:
+            points = page_of_points(connection, row.number, PageOf(Span(), LOOKED_AT_FOR_QUALITY, newest_first=True))
+        return (
+            Quality(
+                n=len(points),
+                n_refused=sum(point.refusal_reason is not None for point in points),
+                n_in_doubt=sum(bool(point.doubts) for point in points),
+                n_without_temperature=sum(point.temperature_c is None for point in points),
+                n_without_drag_torque=sum(point.drag_torque_nm is None for point in points),
+            )
+            if points
+            else None
+        )
+
+    def _paper_rule(self, row: AxisRow) -> PaperRule | None:
+        if row.epoch_from is None:
+            return None
+        with self._database.reading() as connection:
             earliest, latest = (
                 preloads(connection, row.number, row.epoch, row.epoch_from, most, newest=newest)
                 for most, newest in ((2 * PAPER_READINGS, False), (PAPER_READINGS, True))
@@ -246,8 +273,15 @@ class Trend:
 
     def revision(self, axis_id: str) -> tuple[int, Stale | None]:
         """Return a number that changes whenever the trend of an axis does, and what is about to replace it."""
-        with self._database.connect() as connection, reading(connection):
-            return axes.key_of(connection, axis_id).revision, stale_axes(connection, axis_id).get(axis_id)
+        with self._opened(axis_id) as on:
+            return on.revision, on.stale
+
+    @contextmanager
+    def _opened(self, axis_id: str) -> "Iterator[_Opened]":
+        """Open the trend of an axis to be read."""
+        with self._database.reading() as connection:
+            key = axes.key_of(connection, axis_id)
+            yield _Opened(connection, key.number, key.revision, stale_axes(connection, axis_id).get(axis_id))
 
     def names(self) -> dict[str, str]:
         """Return what each axis is called."""
@@ -268,42 +302,38 @@ class Trend:
         limit: int,
         newest_first: bool = False,
         only: Only | None = None,
-    ) -> TrendPage:
+    ) -> TrendPage[list[ShownPoint]]:
         """Return measurements in time order, or newest first, refused ones included.
 
         ``only`` some of them: a page then looks at so many at most, and may hold fewer, or none, and still go on.
         """
         after = None if cursor is None else _decode_cursor(cursor)
         most = limit if only is None else max(limit, LOOKED_AT)
-        with self._database.connect() as connection, reading(connection):
-            number, revision = axes.key_of(connection, axis_id)
-            points = page_of_points(connection, number, PageOf(span, most + 1, after, newest_first))
-            stale = stale_axes(connection, axis_id).get(axis_id)
+        with self._opened(axis_id) as on:
+            points = page_of_points(on.connection, on.number, PageOf(span, most + 1, after, newest_first))
         looked = points[:most]
         meant = looked if only is None else [point for point in looked if _is_meant(point, only)]
         last = meant[limit - 1] if len(meant) > limit else looked[-1] if len(points) > most else None
-        return TrendPage(
-            meant[:limit], None if last is None else _encode_cursor(last.at_us, last.measurement_id), revision, stale
-        )
+        following = None if last is None else _encode_cursor(last.at_us, last.measurement_id)
+        return TrendPage(meant[:limit], following, on.revision, on.stale)
 
-    def told(self, axis_id: str, span: Span, *, cursor: str | None, limit: int, newest_first: bool) -> ToldPage:
+    def told(
+        self, axis_id: str, span: Span, *, cursor: str | None, limit: int, newest_first: bool
+    ) -> TrendPage[ToldColumns]:
         """Return measurements as :meth:`page` does, as columns."""
         asked = PageOf(span, limit + 1, None if cursor is None else _decode_cursor(cursor), newest_first)
-        with self._database.connect() as connection, reading(connection):
-            number, revision = axes.key_of(connection, axis_id)
-            columns = page_of_columns(connection, number, asked)
-            stale = stale_axes(connection, axis_id).get(axis_id)
-        if len(columns.at_us) <= limit:
-            return ToldPage(columns, None, revision, stale)
-        columns = ToldColumns._make(column[:limit] for column in columns)
-        return ToldPage(columns, _encode_cursor(columns.at_us[-1], columns.measurement_id[-1]), revision, stale)
+        with self._opened(axis_id) as on:
+            columns = page_of_columns(on.connection, on.number, asked)
+        following = None
+        if len(columns.at_us) > limit:
+            columns = ToldColumns._make(column[:limit] for column in columns)
+            following = _encode_cursor(columns.at_us[-1], columns.measurement_id[-1])
+        return TrendPage(columns, following, on.revision, on.stale)
 
-    def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage:
+    def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage[list[ShownPoint]]:
         """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload."""
-        with self._database.connect() as connection, reading(connection):
-            number, revision = axes.key_of(connection, axis_id)
-            points = extremes(connection, number, span, resolution)
-            return TrendPage(points, None, revision, stale_axes(connection, axis_id).get(axis_id))
+        with self._opened(axis_id) as on:
+            return TrendPage(extremes(on.connection, on.number, span, resolution), None, on.revision, on.stale)
 
     def measurement(self, axis_id: str, measurement_id: int) -> MeasurementView:
         """Return one measurement with its windows."""
@@ -327,17 +357,29 @@ class Trend:
         stale: Stale | None,
     ) -> AxisStatus:
         """Return how an axis stands; raises DocumentDamagedError if something stored of it cannot be read."""
-        read = self._read.get(row.id)
-        if read is None or read[0] != documents:  # once for each: to read them takes longer than all the rest
-            configuration, state, limits = map(document_of, documents)
-            load_state(state)
-            load_design(limits)
-            read = self._read[row.id] = documents, load_configuration(configuration)
+        configuration = self._remembered.of(("configuration", row.id), documents, partial(_read, documents))
         if row.archived_at is None:
-            state_shown, since = state_now(row, now(), read[1].silent_after_hours)
+            state_shown, since = state_now(row, now(), configuration.silent_after_hours)
         else:  # nobody waits for it
             state_shown, since = row.state, row.state_since
-        return AxisStatus(row, read[1], state_shown, since, last_measurement, open_alarms, stale)
+        return AxisStatus(row, configuration, state_shown, since, last_measurement, open_alarms, stale)
+
+
+def _read(documents: axes.Documents) -> AxisConfiguration:
+    """Read the documents of an axis; to do so takes longer than all the rest of how it stands."""
+    configuration, state, limits = map(document_of, documents)
+    load_state(state)
+    load_design(limits)
+    return load_configuration(configuration)
+
+
+class _Opened(NamedTuple):
+    """The trend of an axis, open to be read."""
+
+    connection: Connection
+    number: int
+    revision: int
+    stale: Stale | None
 
 
 def _is_meant(point: ShownPoint, only: Only) -> bool:

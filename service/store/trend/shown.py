@@ -84,6 +84,11 @@ class ToldColumns(NamedTuple):
     learnt_scatter_s2: Sequence[float | None]
     places_disagree: Sequence[str | None]
 
+    @property
+    def at(self) -> list[datetime]:
+        """When each was measured."""
+        return [moment_of(at_us) for at_us in self.at_us]
+
     @classmethod
     def of(cls, points: Sequence[ShownPoint]) -> "ToldColumns":
         """Return the columns of points."""
