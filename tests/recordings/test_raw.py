@@ -58,7 +58,6 @@ TEXT_REFUSED = {
     "decimal comma": ("t;a\n0;1,5\n", "row 2, column 'a': expected a number with a decimal point; got '1,5'"),
     "decimal comma and comma separator": ("t,a\n0,0,1,5\n", "row 2: expected 2 numbers separated by comma; got 4"),
     "rows of unequal length": ("t,a\n0,1\n1\n2,3\n", "row 3: expected 2 numbers separated by comma; got 1"),
-    "a blank line inside": ("t,a\n0,1\n\n2,3\n", "row 3: expected 2 numbers"),
     "a word among numbers": ("t,a\n0,1\n1,overload\n", "row 3, column 'a': expected a number with a decimal point"),
     "two headers": ("t,a\ns,V\n0,1\n", "row 2, column 't'"),
     "one name twice": ("a,a\n0,1\n", "got 'a' twice"),
@@ -251,7 +250,7 @@ def test_a_time_base_that_stands_still_is_refused(tmp_path):
     writer = pytest.importorskip("nptdms")
     with writer.TdmsWriter(tmp_path / "a.tdms") as file:
         file.write_segment([writer.ChannelObject("g", "c", SAMPLES, properties={"wf_increment": 0.0})])
-    assert "expected a positive wf_increment; got 0.0 s" in refusal(tdms.read_channels, tmp_path / "a.tdms")
+    assert "expected a positive wf_increment; got 0.0" in refusal(tdms.read_channels, tmp_path / "a.tdms")
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,6 @@ WITH_LAYOUT = {
     ),
     "a row that is cut off": ("a;b\n1;2\n3\n", {"separator": "semicolon"}, "row 3: expected 2 numbers"),
     "a cell more": ("a;b\n1;2\n3;4;5\n", {"separator": "semicolon"}, "row 3: expected 2 numbers"),
-    "a blank row inside": ("a;b\n1;2\n\n3;4\n", {"separator": "semicolon"}, "row 3: expected 2 numbers"),
     "a broken quote": ('a,b\n"1","2"\n"3,"4"\n', {"separator": "comma"}, "row 3"),
     "letters behind a quote": ('a,b\n"1"5,"2"\n', {"separator": "comma"}, "expected at least one channel"),
     "fewer rows than the layout says": (
@@ -211,10 +210,8 @@ def test_four_thousand_columns_are_read(tmp_path):
 STEPS = {
     "no value in Excel": ("a,b\n1,2\n2,3\n#NV,3\n4,5\n6,7\n", "'#NV'; write nan for the missing number of row 4"),
     "dashes": ("a,b\n1,2\n2,2\n---,3\n4,5\n6,7\n8,9\n", "'---'; write nan for the missing number of row 4"),
-    "a header again": ("a,b\n1,2\n3,4\na,b\n5,6\n7,8\n9,9\n", "'a'; remove row 4, which holds no numbers"),
     "a footer": ("a;b\n1;2\n3;4\n5;6\n= end =\n", "got 1; remove row 5, which holds no numbers"),
     "a row that is cut off": ("a;b\n1;2\n3;4\n5\n", "got 1; complete row 4 or remove it"),
-    "a blank row inside": ("a;b\n1;2\n3;4\n\n5;6\n7;8\n9;9\n", "remove row 4"),
     "commas and a word": ("a;b\n1,5;2\n1,5;2\n3,5;x\n5,5;6\n", "'x'; write nan for the missing number of row 4"),
 }
 

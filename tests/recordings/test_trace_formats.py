@@ -49,7 +49,7 @@ def test_an_export_of_twincat_scope_is_read_to_the_last_digit(tmp_path, subtests
             assert [channel.time.clock for channel in channels.channels] == [None, "Time 1", "Time 1", None, "Time 2"]
             assert [channel.unit for channel in channels.channels] == ["ms", "Nm", None, "ms", "mm"]
             start = datetime(2022, 5, 2, 13, 56, 24, 376000, tzinfo=UTC)  # see TWINCAT_START
-            assert {channel.time.started_at for channel in channels.channels} == {start}
+            assert {channel.time.zero for channel in channels.channels} == {start}
             assert read_as_proposed(path)[1] is None
 
 

@@ -42,7 +42,8 @@ _FORCE = {"kg": 1, "m": 1, "s": -2}
 #: Factor and powers of each unit that has a word of its own; raw ones (V, A, counts, percent, angles) have their own.
 _ATOMS: dict[str, tuple[float, Mapping[str, int]]] = {
     "m": (1.0, {"m": 1}), "in": (0.0254, {"m": 1}), "ft": (0.3048, {"m": 1}), "kg": (1.0, {"kg": 1}),
-    "s": (1.0, {"s": 1}), "min": (60.0, {"s": 1}), "h": (3600.0, {"s": 1}), "Hz": (1.0, {"s": -1}),
+    "s": (1.0, {"s": 1}), "min": (60.0, {"s": 1}), "h": (3600.0, {"s": 1}),
+    "d": (86400.0, {"s": 1}), "Hz": (1.0, {"s": -1}),
     "N": (1.0, _FORCE), "lbf": (_POUND_FORCE, _FORCE), "ozf": (_POUND_FORCE / 16.0, _FORCE),
     "kgf": (_STANDARD_GRAVITY, _FORCE), "g": (_STANDARD_GRAVITY, {"m": 1, "s": -2}),
     "V": (1.0, {"V": 1}), "A": (1.0, {"A": 1}), "count": (1.0, {"count": 1}), "%": (1.0, {"%": 1}),
@@ -61,7 +62,7 @@ _WORDS = {
     "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "percent": "%", "hertz": "Hz", "pct": "%",
     "meter": "m", "meters": "m", "metre": "m", "metres": "m", "hours": "h", "minutes": "min", "db": "dB",
     "turns": "rev", "increments": "count", "inc": "count", "digits": "count", "lsb": "count", "rpm": "rev/min",
-    "turn": "rev", "°c": "K", "degc": "K", "celsius": "K",
+    "turn": "rev", "°c": "K", "degc": "K", "celsius": "K", "day": "d", "days": "d",
 }  # fmt: skip
 _SIGNS = str.maketrans({
     "²": "2", "³": "3", "·": ".", "⋅": ".", "*": ".", "µ": "u", "μ": "u", "−": "-", "⁻": "-", "¹": "1",
@@ -196,7 +197,7 @@ _CUSTOMARY = {
     Quantity.FORCE: ("N", "mN", "daN", "kN", "lbf", "kgf"),
     Quantity.ACCELERATION: ("m/s2", "mm/s2", "g", "mg", "in/s2"),
     Quantity.POSITION: ("m", "mm", "um", "nm", "in"),
-    Quantity.TIME: ("s", "ms", "us", "ns", "min", "h"),
+    Quantity.TIME: ("s", "ms", "us", "ns", "min", "h", "d"),
 }
 #: Factor to SI of the customary ones; the first is the unit of SI.
 FACTOR_TO_SI = {quantity: {name: _known(name).factor for name in names} for quantity, names in _CUSTOMARY.items()}

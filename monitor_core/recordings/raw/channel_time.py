@@ -6,6 +6,7 @@ else is resampled where ``[resample]`` says how, or refused.
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -30,6 +31,7 @@ _LAST = 10_000
 GAP = 4.5
 #: Of fewer samples between their gaps on average, times are uneven rather than interrupted.
 _FEWEST_BETWEEN_GAPS = 16
+_MANY_DIGITS = 5
 #: By which rates may differ and still be one.
 _SAME_RATE = 1e-9
 
@@ -39,10 +41,11 @@ class Run:
     """Samples of a channel that follow each other without a break: evenly, or at times."""
 
     n_samples: int
-    start: float | None = 0.0  # of its first sample behind the zero [s]; None: the file does not say
+    start: float | None = None  # of its first sample behind the zero [s]; None: the file does not say
     sample_rate: float | None = None  # [Hz]; None: uneven, or the file does not say
     times: FloatArray | None = None  # of its samples behind the zero [s], where they are given one by one
     mark: str = ""  # what stands in the file in front of it, where that shows the break
+    n_lost: int | None = None  # samples that are missing in front of it, where the file counts them
 
     @property
     def instants(self) -> FloatArray:
@@ -61,6 +64,7 @@ class ChannelTime:
     runs: tuple[Run, ...] = ()  # none: one run of all samples, at a rate that the file does not say
     clock: str | None = None  # name of the channel of the same file that holds the sampling times
     unevenness: str = ""  # why there is no rate, for the message
+    open_by: float = 0.0  # share by which the rate is open, for the digits of its step, where that is worth a word
 
     @property
     def rates(self) -> tuple[float, ...]:
@@ -75,7 +79,7 @@ class ChannelTime:
     @property
     def started_at(self) -> datetime | None:
         """When the first sample was taken, where the file says it."""
-        start = self.runs[0].start if self.runs else 0.0
+        start = self.runs[0].start if self.runs else None
         return None if self.zero is None or start is None else self.zero + timedelta(seconds=self.offset + start)
 
     def in_runs(self, n_samples: int) -> "ChannelTime":
@@ -84,25 +88,52 @@ class ChannelTime:
 
     def at_rate(self, sample_rate: float) -> "ChannelTime":
         """Return the same with a rate that the file does not say [Hz]."""
-        return replace(self, runs=tuple(replace(run, sample_rate=sample_rate) for run in self.runs))
+        runs, end = list[Run](), 0.0
+        for run in self.runs:
+            start = run.start if run.n_lost is None else end + run.n_lost / sample_rate
+            if run.n_lost == 0 and runs:
+                runs[-1] = replace(runs[-1], n_samples=runs[-1].n_samples + run.n_samples)
+            else:
+                runs.append(replace(run, sample_rate=sample_rate, start=start))
+            end = (end if start is None else start) + run.n_samples / sample_rate
+        return replace(self, runs=tuple(runs))
 
 
 def even_time(
-    n_samples: int, sample_rate: float | None, start: float = 0.0, zero: datetime | None = None
+    n_samples: int, sample_rate: float | None, start: float | None = None, zero: datetime | None = None
 ) -> ChannelTime:
     """Return the time of samples at one rate [Hz] without a break; ``start`` is behind the zero [s]."""
     return ChannelTime(zero, runs=(Run(n_samples, start, sample_rate),))
 
 
+def time_of_step(n_samples: int, step: float, n_digits: int, start: float | None = None) -> ChannelTime:
+    """Return the time of samples at a step that is printed to so many digits [s]: at the plainest rate that it allows.
+
+    Of fewer than five digits the step itself is taken: much would be as plain.
+
+    Examples
+    --------
+    >>> time_of_step(10, 1.95313e-05, n_digits=6).rates  # 1 / 51200 Hz
+    (51200.0,)
+
+    """
+    last = 10.0 ** (math.floor(math.log10(step)) - n_digits + 1)
+    open_by = _PRINTED * last / step
+    rate = plainest(1.0 / step, open_by if n_digits >= _MANY_DIGITS else _LEAST_OPEN)
+    is_said = abs(rate * step - 1.0) <= _LEAST_OPEN and open_by <= _STEP_TOLERANCE
+    return ChannelTime(runs=(Run(n_samples, start, rate),), open_by=0.0 if is_said else open_by)
+
+
 def from_one_zero(times: Sequence[ChannelTime]) -> list[ChannelTime]:
     """Count the times of channels from one zero: the earliest that the file says."""
     zero = min((time.zero for time in times if time.zero is not None), default=None)
-    return [_counted_from(time, zero) for time in times]
+    earliest = min(time.offset for time in times) if zero is None else 0.0
+    return [_counted_from(time, zero, earliest) for time in times]
 
 
-def _counted_from(time: ChannelTime, zero: datetime | None) -> ChannelTime:
+def _counted_from(time: ChannelTime, zero: datetime | None, earliest: float) -> ChannelTime:
     late = 0.0 if time.zero is None or zero is None else (time.zero - zero).total_seconds()
-    late += time.offset
+    late += time.offset - earliest
     runs = tuple(_later(run, late) for run in time.runs) if late else time.runs
     return replace(time, zero=zero, offset=0.0, runs=runs)
 
@@ -137,7 +168,7 @@ def seconds_apart(run: Run, other: Run) -> float:
 
 
 def time_of_samples(
-    times: FloatArray, printed: float, where: str, parted: Sequence[Run] = ()
+    times: FloatArray, printed: float, where: str, parted: Sequence[Run] = (), texts: Sequence[str] = ()
 ) -> tuple[ChannelTime, tuple[str, ...]]:
     """Part sampling times into runs, and find the rate of each.
 
@@ -152,6 +183,8 @@ def time_of_samples(
     parted : sequence of Run
         Runs in which the file parts the samples, as by a row of words among the numbers. Where the times go on evenly
         over such a place, no sample is missing there, and there is no break.
+    texts : sequence of str
+        The times as the file writes them, for messages.
 
     Returns
     -------
@@ -178,7 +211,8 @@ def time_of_samples(
     stated[[place - 1 for place in marks]] = True
     back = (steps < 0.0) & ~stated
     if back.any() or usual < 0.0:
-        raise RecordingFormatError(_ran_back(times, int(np.argmax(back)), usual, printed, where))
+        place = int(np.argmax(back))
+        raise RecordingFormatError(_ran_back(times, place, printed, texts[place] if texts else "", where))
     gaps = (steps > GAP * usual) & (usual > 0.0)
     if (np.count_nonzero(gaps) + 1) * _FEWEST_BETWEEN_GAPS > times.size:
         gaps[:] = False
@@ -259,22 +293,27 @@ def _why_uneven(times: FloatArray, first: int, printed: float, where: str) -> st
     )
 
 
+_HOURS = re.compile(r"(\d{1,2}):\d\d")
 #: Counts after which a counter begins anew.
 _WRAPS = tuple(2.0**bits for bits in (8, 16, 24, 31, 32))
 
 
-def _ran_back(times: FloatArray, place: int, usual: float, printed: float, where: str) -> str:
-    """Say where times run back, by how much, and what does so."""
+def _ran_back(times: FloatArray, place: int, printed: float, read: str, where: str) -> str:
+    """Say where times run back, by how much, and what does so; ``read``: the last text in front of that."""
+    usual = float(np.median(np.diff(times)))
     back = float(times[place] - times[place + 1])
     lost = back + max(usual, 0.0)  # by which the clock was put back
     why = "the file holds several records, to be given one by one"
     if printed > 0.0 and any(abs(lost / printed - wrap) <= 2.0 + usual / printed for wrap in _WRAPS):
         why = "a counter that wrapped: export times that go on, or give the parts as files of their own"
     elif abs(lost - 3600.0) <= max(10.0 * usual, 1.0):
-        why = "clocks were put back by an hour, at the end of summer time: export times in UTC or with their offset"
+        hours = _HOURS.findall(read)
+        hour = f" at {int(hours[-1]) + 1:02d}:00" if hours else ""
+        why = f"clocks were put back{hour} by an hour, as summer time ended: export times in UTC or with their offset"
     elif abs(lost - 86400.0) <= max(10.0 * usual, 1.0):
         why = "times of day over midnight, which need a date"
-    return f"{where}: expected rising sampling times; they run back by {back:.6g} s behind sample {place}: {why}"
+    at = f"sample {place}, {read[:40]!r}" if read else f"sample {place}"
+    return f"{where}: expected rising sampling times; they run back by {back:.6g} s behind {at}: {why}"
 
 
 def _plain_rate(rate: float, times: FloatArray, printed: float) -> float:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray, SampleArray, read_only_samples
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
+from monitor_core.recordings.elements.units import factor_to
 from monitor_core.recordings.raw.channel_time import ChannelTime
 
 #: So many names of what is not read are shown.
@@ -199,7 +199,7 @@ class Channels:
         if time.runs or time.zero is None:
             return time.started_at
         clock = channel if time.clock is None else self.channel(time.clock)
-        factor = FACTOR_TO_SI[Quantity.TIME].get(canonical_unit(clock.unit) or "")
+        factor = factor_to("s", clock.unit or "")
         seconds = None if factor is None or not clock.head.size else factor * float(clock.head.reshape(-1)[0])
         if seconds is None or not math.isfinite(seconds):
             return None

@@ -254,7 +254,7 @@ def _doubts(summary: ChannelSummary, finite: SampleArray) -> list[str]:
 
 def _doubts_of_times(unit: str | None, times: SampleArray) -> list[str]:
     step, factors = step_of(times), FACTOR_TO_SI[Quantity.TIME]
-    if (days := _days(step, times)) is not None and unit in (None, "s"):
+    if (days := days_of(step, times)) is not None and unit in (None, "s"):
         return [days]
     if step is None or unit not in factors or times.size < 3:
         return []
@@ -267,7 +267,7 @@ def _doubts_of_times(unit: str | None, times: SampleArray) -> list[str]:
     return [f"steps of {step:g} {unit} are a sampling rate of {rate:g} Hz{instead}"]
 
 
-def _days(step: float | None, times: SampleArray) -> str | None:
+def days_of(step: float | None, times: SampleArray) -> str | None:
     """Say that times are days since a date, as a spreadsheet or MATLAB counts them; ``None`` where they are not."""
     if step is None or times.size < 3 or not 0.0 < step < 1.0 / (_PLAUSIBLE_RATE[0] * _SECONDS_PER_DAY):
         return None
@@ -277,7 +277,7 @@ def _days(step: float | None, times: SampleArray) -> str | None:
             rate = 1.0 / (step * _SECONDS_PER_DAY)
             return (
                 f"values around {low:.0f} in steps of {step:.3g} are days, as {what} counts them (of about {rate:.4g} "
-                "Hz): no unit of times is a day; write seconds, or texts of date and time"
+                'Hz): unit = "d" in [time] says so'
             )
     return None
 

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -231,16 +231,20 @@ def _time_of(signal: _Signal, where: str) -> ChannelTime:
     if rates and max(rates.values()) - min(rates.values()) > _SAME_RATE * min(rates.values()):
         got = " and ".join(f"{name} of {rate:.10g} Hz" for name, rate in rates.items())
         raise RecordingFormatError(f"{where}: expected attributes that state one sample rate; got {got}")
-    start, zero = 0.0, None
+    start, offset, zero = None, 0.0, None
     for value in (signal.stated[name] for name in _STARTS if name in signal.stated):
-        if isinstance(value, float) and abs(value) < _LATEST:
-            start = value
+        if isinstance(value, float):
+            start, offset = (value, offset) if abs(value) < _LATEST else (start, value)
         elif isinstance(value, str):
-            with suppress(RecordingFormatError):  # without a zone the file does not say when it was
+            # without a zone the file says how far channels are apart, and not when they were
+            with suppress(RecordingFormatError, ValueError):
+                offset = datetime.fromisoformat(value).replace(tzinfo=UTC).timestamp()
                 zero = parse_instant(value, where)
     if not rates:
         return ChannelTime()
-    return even_time(math.prod(signal.shape), next(iter(rates.values())), start, zero)
+    offset, start = (offset, start) if zero is None else (0.0, start or 0.0)
+    start = 0.0 if offset and start is None else start
+    return replace(even_time(math.prod(signal.shape), next(iter(rates.values())), start, zero), offset=offset)
 
 
 def _samples(file: "h5py.File", signals: list[_Signal], number: int, path: Path) -> SampleArray | Stored:

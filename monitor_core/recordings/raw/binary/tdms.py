@@ -1,19 +1,26 @@
-"""Read TDMS files of LabVIEW and DAQmx through npTDMS (extra ``tdms``): channels are named ``group/channel``."""
+"""Read TDMS files of LabVIEW and DAQmx through npTDMS (extra ``tdms``): channels are named ``group/channel``.
 
+A file is a chain of segments, each of which may state properties anew. npTDMS keeps the last of them for all samples;
+here those of each segment hold for its own samples.
+"""
+
+import math
 import struct
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
-from monitor_core.recordings.raw.channel_time import even_time
+from monitor_core.recordings.elements.units import factor_to
+from monitor_core.recordings.raw.channel_time import ChannelTime, Run
 from monitor_core.recordings.raw.channels import PIECE, Channel, Channels, Stored, native_samples, stored_samples
 
 if TYPE_CHECKING:
@@ -31,15 +38,21 @@ _MOST_SCALES = 100
 _NOT_READ = {"c": "complex", "M": "times"}
 #: No value takes less than one bit (digital lines), and scaling adds none.
 _VALUES_PER_BYTE = 8
+#: Properties that say when samples were taken, and how they are converted.
+_STARTS = ("wf_start_time", "wf_start_offset")
+_SCALE = ("unit_string", "wf_xunit_string", "NI_Scal", "NI_Number_Of_Scales")
+_OF_SAMPLES = (*_STARTS, "wf_increment", *_SCALE)
 
 
 def read_channels(path: Path) -> Channels:
     """Read the numeric channels of a TDMS file of either byte order, with DAQmx scaling applied.
 
-    The unit comes from ``unit_string``, the sample rate from ``wf_increment``, the start from ``wf_start_time`` and
-    ``wf_start_offset``; TDMS times are UTC by definition of the format. Channels without samples and channels of text,
-    times or complex numbers are named as not read. ``RecordingFormatError`` if the file is damaged, cut off, or
-    promises more samples than it can hold; ``MissingReaderError`` if npTDMS is not installed.
+    The unit comes from ``unit_string``, the sample rate from ``wf_increment`` in ``wf_xunit_string``, the start from
+    ``wf_start_time`` and ``wf_start_offset``; TDMS times are UTC by definition of the format. Samples of segments that
+    state another start or step are runs of their own. Channels without samples, channels of text, times or complex
+    numbers, and those over another axis than time are named as not read. ``RecordingFormatError`` if the file is
+    damaged, cut off, or promises more samples than it can hold, or if a segment contradicts the one in front of it;
+    ``MissingReaderError`` if npTDMS is not installed.
     """
     try:
         import nptdms  # noqa: F401, PLC0415
@@ -54,6 +67,7 @@ def read_channels(path: Path) -> Channels:
     _require_whole_segments(path, n_bytes)
     channels, left_out = list[Channel](), list[str]()
     with _opened(path) as file:
+        parts = _parts(path)
         if file.file_status.channel_statuses is not None:
             raise RecordingFormatError(f"{path.name}: expected whole chunks of samples; the last one is cut off")
         for number, channel in enumerate(_all_channels(file)):
@@ -70,8 +84,12 @@ def read_channels(path: Path) -> Channels:
                     f"{path.name}, {name}: expected {len(channel)} samples as its header says; "
                     f"got {n_bytes} bytes in all"
                 )
+            if _seconds_of_x(channel.properties) is None:
+                left_out.append(f"{name} (over {channel.properties['wf_xunit_string']}, not over time)")
+                continue
             samples = stored_samples((len(channel),), _samples_of(channel), number, partial(_pieces, path))
-            channels.append(_channel(channel, name, samples, path.name))
+            stated = parts.get(channel.path) or [_Part(len(channel), dict(channel.properties))]
+            channels.append(_channel(channel, name, path.name, stated, samples))
     return Channels(path.name, tuple(channels), left_out=tuple(left_out))
 
 
@@ -130,23 +148,124 @@ def _require_known_scales(properties: Mapping[str, object], where: str) -> None:
             raise RecordingFormatError(f"{where}: expected a known scale in {key}; got {scale!r}")
 
 
-def _channel(channel: "TdmsChannel", name: str, samples: SampleArray | Stored, file_name: str) -> Channel:
-    properties = channel.properties
-    increment = properties.get("wf_increment")
-    if increment is not None and not (np.isfinite(increment) and increment > 0.0):
-        raise RecordingFormatError(f"{file_name}, {name}: expected a positive wf_increment; got {increment} s")
-    offset = float(properties.get("wf_start_offset") or 0.0)
-    rate = None if increment is None else 1.0 / float(increment)
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Samples of a channel in segments that state the same, and what they state."""
+
+    n_samples: int
+    properties: Mapping[str, object]
+
+
+def _parts(path: Path) -> dict[str, list[_Part]]:
+    """Return the samples of each channel, by its path, as the segments part them that state other properties."""
+    from nptdms.reader import TdmsReader, _number_of_segment_values  # noqa: PLC0415
+
+    class Reader(TdmsReader):  # type: ignore[misc]  # of no type
+        """Reader that keeps what each segment states, and not only the last of it."""
+
+        def __init__(self, stream: BinaryIO) -> None:
+            super().__init__(stream)
+            self.stated: list[dict[str, dict[str, object]]] = []
+
+        def _update_object_properties(self, segment_object_properties: Mapping[str, Any] | None) -> None:
+            super()._update_object_properties(segment_object_properties)
+            self.stated.append({of: dict(pairs) for of, pairs in (segment_object_properties or {}).items()})
+
+    parts, known = dict[str, list[_Part]](), dict[str, dict[str, object]]()
+    with path.open("rb") as stream:
+        reader = Reader(stream)
+        reader.read_metadata()
+    for segment, stated in zip(reader._segments, reader.stated, strict=True):
+        for of, properties in stated.items():
+            before = known.get(of, {})
+            now = before | {key: value for key, value in properties.items() if key.startswith(_OF_SAMPLES)}
+            if {key: str(value) for key, value in now.items()} != {key: str(value) for key, value in before.items()}:
+                known[of] = now
+        for item in segment.ordered_objects:
+            n_samples, properties = _number_of_segment_values(item, segment), known.get(item.path, {})
+            if not n_samples:
+                continue
+            of_channel = parts.setdefault(item.path, [])
+            if of_channel and of_channel[-1].properties is properties:
+                n_samples += of_channel.pop().n_samples
+            of_channel.append(_Part(n_samples, properties))
+    return parts
+
+
+def _channel(
+    channel: "TdmsChannel", name: str, file_name: str, parts: Sequence[_Part], samples: SampleArray | Stored
+) -> Channel:
+    zero = _instant(parts[0].properties.get("wf_start_time"))
+    runs, at, end = list[Run](), 0, 0.0
+    before: _Part | None = None
+    for part in parts:
+        where = f"{file_name}, {name}, from sample {at} on" if at else f"{file_name}, {name}"
+        rate = _rate(part.properties, where)
+        start = end if before is not None and _stated(before, _STARTS) == _stated(part, _STARTS) else _start(part, zero)
+        if before is not None:
+            _require_same_scale(before, part, where)
+            late = math.nan if start is None else start - end
+            if rate is not None and late < -0.5 / rate:
+                raise RecordingFormatError(
+                    f"{where}: expected a segment that begins after the one in front of it ends; its start lies "
+                    f"{-late:.6g} s before that"
+                )
+        if before is not None and rate == runs[-1].sample_rate and (rate is None or abs(late) <= 0.5 / rate):
+            runs[-1] = replace(runs[-1], n_samples=runs[-1].n_samples + part.n_samples)
+        else:
+            runs.append(Run(part.n_samples, start, rate))
+        before, at = part, at + part.n_samples
+        end = (runs[-1].start or 0.0) + runs[-1].n_samples / rate if rate is not None else math.nan
     return Channel(
         name=name,
         stored=samples,
-        unit=properties.get("unit_string") or None,
-        time=even_time(len(channel), rate, offset, _zero(properties.get("wf_start_time"))),
+        unit=channel.properties.get("unit_string") or None,
+        time=ChannelTime(zero, runs=tuple(runs)),
     )
 
 
-def _zero(start: object) -> datetime | None:
-    if not isinstance(start, np.datetime64) or np.isnat(start) or start == _NO_TIME:
+def _stated(part: _Part, keys: tuple[str, ...]) -> dict[str, str]:
+    return {key: str(value) for key, value in part.properties.items() if key.startswith(keys)}
+
+
+def _require_same_scale(before: _Part, part: _Part, where: str) -> None:
+    """Refuse segments that state another unit or conversion: npTDMS would apply the last to all samples."""
+    was, now = _stated(before, _SCALE), _stated(part, _SCALE)
+    if changed := next((key for key in now if now[key] != was.get(key)), None):
+        raise RecordingFormatError(
+            f"{where}: expected one unit and one conversion; its {changed} is {now[changed][:40]!r} there, and was "
+            f"{was.get(changed, 'not stated')[:40]!r}"
+        )
+
+
+def _seconds_of_x(properties: Mapping[str, object]) -> float | None:
+    """Return what a step of x is in seconds; ``None`` where x is no time."""
+    return factor_to("s", str(properties.get("wf_xunit_string") or "s"))
+
+
+def _rate(properties: Mapping[str, object], where: str) -> float | None:
+    increment = properties.get("wf_increment")
+    if increment is None:
         return None
-    microseconds = start.astype("datetime64[us]").astype(np.int64)
-    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(microseconds))
+    seconds = float(str(increment)) * (_seconds_of_x(properties) or 1.0)
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        raise RecordingFormatError(f"{where}: expected a positive wf_increment; got {increment}")
+    return 1.0 / seconds
+
+
+def _start(part: _Part, zero: datetime | None) -> float | None:
+    """Return when the first sample was taken, behind the zero [s]; ``None`` if a file with no zero states one later."""
+    at, stated = _instant(part.properties.get("wf_start_time")), part.properties.get("wf_start_offset")
+    if at is None and zero is None and stated is None:
+        return None
+    offset = float(str(stated or 0.0)) * (_seconds_of_x(part.properties) or 1.0)
+    if (at is None) != (zero is None):
+        return None
+    return offset if at is None or zero is None else offset + (at - zero).total_seconds()
+
+
+def _instant(start: object) -> datetime | None:
+    at = start if isinstance(start, np.datetime64) else getattr(start, "as_datetime64", lambda: None)()
+    if at is None or np.isnat(at) or at == _NO_TIME:
+        return None
+    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=int(at.astype("datetime64[us]").astype(np.int64)))

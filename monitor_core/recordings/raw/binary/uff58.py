@@ -16,7 +16,7 @@ from monitor_core.arrays import read_only, read_only_complex
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
-from monitor_core.recordings.raw.channel_time import even_time
+from monitor_core.recordings.raw.channel_time import time_of_step
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse, native_samples
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ _FUNCTION_TYPES = {0: "general", 1: "time response", 2: "auto spectrum", 3: "cro
 _IN_A_LINE = 6
 #: Start or end of a data set: "    -1" alone on its line, or directly behind binary samples.
 _DELIMITER = re.compile(rb"    -1(?= {74}|\r|\n|\Z)")
+_DIGITS = 6  # record 7 is of the format 3E13.5
 _HERTZ = frozenset(("hz", "hertz", "1/s", "none", ""))
 _SECONDS = frozenset(("s", "sec", "second", "seconds", "none", ""))  # record 8; time is in seconds by definition
 
@@ -156,7 +157,7 @@ def _channel(data_set: _DataSet, name: str) -> Channel:
         stored=native_samples(data_set["data"]),
         unit=_unit(data_set["ordinate_axis_units_lab"]),
         measures=_MEASURES.get(data_set["ordinate_spec_data_type"]),
-        time=even_time(data_set["num_pts"], 1.0 / data_set["abscissa_inc"], data_set["abscissa_min"]),
+        time=time_of_step(data_set["num_pts"], data_set["abscissa_inc"], _DIGITS, data_set["abscissa_min"]),
     )
 
 

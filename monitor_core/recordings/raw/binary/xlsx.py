@@ -278,8 +278,10 @@ def _channel(column: _Column, shown_as: str | None, zero: float) -> Channel:
     values = np.frombuffer(column.numbers, np.float64)
     if shown_as is None:
         return Channel(column.name, native_samples(values.copy()), column.unit)
-    since = zero if shown_as == "date" else 0.0
-    return Channel(column.name, native_samples((values - since) * _SECONDS_PER_DAY), "s")
+    if shown_as == "duration":
+        return Channel(column.name, native_samples(values * _SECONDS_PER_DAY), "s")
+    # days since 1900 tell instants to 0.6 µs
+    return Channel(column.name, native_samples(np.round((values - zero) * _SECONDS_PER_DAY, 6)), "s")
 
 
 def propose_layout(path: Path) -> TextLayout | None:

@@ -35,8 +35,9 @@ from monitor_core.recordings.raw.mapping.map_records import (
     WindowFacts,
     WindowsIn,
 )
-from monitor_core.recordings.raw.mapping.mapped import Record, interval_of, signal_of, take_records
+from monitor_core.recordings.raw.mapping.mapped import Record, signal_of, starts_of_windows, take_records
 from monitor_core.recordings.raw.stated_numbers import doubts_of_sampling
+from monitor_core.session import SESSION_GAP
 
 #: Called with the name of each file before it is read.
 Progress = Callable[[str], None]
@@ -179,7 +180,11 @@ def _windows_of_file(
     if signals.position is None:
         facts_required(facts, f"{path.name} [window]")
     made = _FileWindows([], _delayed(records[0]), [])
+    kinds = list[tuple[float, int, int]]()  # of windows: those of one measurement are of one rate, length and session
+    n_sessions, end = 0, 0.0
     for record in records:
+        n_sessions += record.delay - end > SESSION_GAP.total_seconds()
+        end = record.delay + record.signals[0].size / record.sample_rate
         require_vibration_rate(record.sample_rate, path.name)
         start = _started_at(record, number, len(paths), facts, channel_map)
         pieces, rest = _cut(record, channel_map.cutting)
@@ -189,8 +194,11 @@ def _windows_of_file(
         if not pieces:
             continue
         seconds = pieces[0][0].size / record.sample_rate
+        begins = [timedelta(seconds=i * seconds) for i in range(len(pieces))]
+        kind = (record.sample_rate, pieces[0][0].size, n_sessions)
+        kinds += [] if kind in kinds else [kind]
         if record.signals[0].ndim == 2:
-            seconds = interval_of(record, channel_map.cutting.window_interval).total_seconds()
+            begins = starts_of_windows(record, len(pieces), channel_map.cutting.window_interval)
         with naming(path.name):
             made.windows.extend(
                 _window(
@@ -198,10 +206,11 @@ def _windows_of_file(
                     facts,
                     piece,
                     sample_rate=record.sample_rate,
-                    started_at=start + timedelta(seconds=i * seconds),
+                    started_at=start + begin,
                     path=path,
+                    part=kinds.index(kind) + 1,
                 )
-                for i, piece in enumerate(pieces)
+                for piece, begin in zip(pieces, begins, strict=True)
             )
     if not made.windows:
         size, length = max(record.signals[0].size for record in records), channel_map.cutting.samples_per_window or 1
@@ -221,6 +230,7 @@ def _window(
     sample_rate: float,
     started_at: datetime,
     path: Path,
+    part: int,
 ) -> Window:
     position, span, trace = facts.position, facts.position_span, None
     if signals.position is not None:
@@ -233,7 +243,7 @@ def _window(
         sample_rate=sample_rate,
         started_at=started_at,
         conditions=Conditions(position or 0.0, facts.payload_mass, facts.temperature, facts.preload),
-        measurement=facts.measurement or path.stem,
+        measurement=(facts.measurement or path.stem) + (f", part {part}" if part > 1 else ""),
         excitation_quantity=signals.quantity,
         excitation_source=signals.source,
         direction=facts.direction or Direction.BOTH,

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from monitor_core.recordings.raw.mapping.resampled import resample
 from monitor_core.recordings.raw.mapping.stated_units import agreed_unit, resolved
 from monitor_core.recordings.raw.mapping.times import times_of
 
+#: So far may the start of a window be off what the map says: programs write clocks to the second [s].
+_SAME_START = 1.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
@@ -38,6 +42,7 @@ class Record:
     started_at: datetime | None  # of the first sample of the file, where it says it
     delay: float  # of the first sample of the record behind that [s]
     remarks: tuple[str, ...]
+    starts: tuple[float, ...] = ()  # of the rows of arrays behind that of the first, where the file says them [s]
 
 
 def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_map: ChannelMap) -> tuple[Record, ...]:
@@ -54,6 +59,7 @@ def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_m
     stated, remarks = _times(channels, signals, sources, channel_map)
     times = from_one_zero(stated)
     names, shapes = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
+    remarks += _rates_open(names, stated)
     how, flat = channel_map.resampling, all(samples.ndim == 1 for samples in values)
     zero, first = times[0].zero, min((of.runs[0].start or 0.0) for of in times)
     started_at = None if zero is None else zero + timedelta(seconds=first)
@@ -83,17 +89,29 @@ def _cut_at_breaks(
 ) -> Iterator[Record]:  # fmt: skip
     """Yield a record for each run of channels that were sampled together, and say what is missing between them."""
     runs, at, delay, end = times[0].runs, 0, 0.0, 0.0
+    if values[0].ndim > 1:  # an array of windows, which is cut by the map
+        yield Record(where, names, tuple(values), runs[0].sample_rate or 0.0, started_at, 0.0, (), _starts(runs))
+        return
     first = min((of.runs[0].start or 0.0) for of in times)
     for run in runs:
         remarks = list[str]()
         delay = end if run.start is None else max(run.start - first, 0.0) if at else 0.0
         rate = run.sample_rate or 0.0
-        if at:
+        if at and run.start is not None and delay - end < 0.5 / rate:
+            remarks.append(f"{where}: sampled at {rate:.10g} Hz behind sample {at - 1}; no window crosses it")
+        elif at:
             mark = f", where {run.mark} stands" if run.mark else ""
             remarks.append(_missing(where, f"behind sample {at - 1}{mark}", None if run.start is None else delay - end))
         taken = values if len(runs) == 1 else [samples[at : at + run.n_samples] for samples in values]
         yield Record(where, names, tuple(taken), rate, started_at, delay, tuple(remarks))
         at, end = at + run.n_samples, delay + run.n_samples / rate
+
+
+def _starts(runs: Sequence[Run]) -> tuple[float, ...]:
+    """Return when the rows of an array began, behind the first [s]; nothing where the file does not say it."""
+    starts = [run.start for run in runs if run.start is not None]
+    known = len(starts) == len(runs) > 1 and all(later > start for start, later in pairwise(starts))
+    return tuple(start - starts[0] for start in starts) if known else ()
 
 
 def _missing(where: str, place: str, seconds: float | None) -> str:
@@ -200,8 +218,9 @@ def _time_of_clock(
     where = f"{channels.file_name}, {name}"
     if time is not None and time.form is not None and name == time.channel:
         dates = None if time.date is None else channels.text(time.date)
-        seconds, start = times_of(channels.text(name), time.form, time.zone, dates, where)
-        found, remarks = time_of_samples(seconds, printed_digit(seconds), where, parted)
+        texts = channels.text(name)
+        seconds, start = times_of(texts, time.form, time.zone, dates, where)
+        found, remarks = time_of_samples(seconds, printed_digit(seconds), where, parted, texts)
         return replace(found, zero=start), remarks
     channel = channels.channel(name)
     stated = agreed_unit(channel.unit, unit_in_name(channel.name), unit or "", where)
@@ -214,22 +233,30 @@ def _time_of_clock(
     return replace(found, zero=channel.time.zero), remarks
 
 
+def _rates_open(names: Sequence[str], times: Sequence[ChannelTime]) -> tuple[str, ...]:
+    """Say of a step that is printed to few digits which rates it may be."""
+    return tuple(
+        f"{name}: the digits of its step leave the rate open by {100.0 * time.open_by:.2g} %: {time.rates[0]:.10g} Hz"
+        for name, time in zip(names, times, strict=True)
+        if time.open_by and time.rates
+    )
+
+
 def _is_rate(rate: float | None, sample_rate: float) -> bool:
     return rate is not None and abs(rate - sample_rate) <= 1e-9 * sample_rate
 
 
 def _starts_assumed(times: Sequence[ChannelTime], where: str) -> tuple[str, ...]:
     """Refuse times of several kinds, which cannot be brought together; say it where all starts are assumed."""
-    timed = [any(run.times is not None for run in time.runs) for time in times]
+    timed = [time.runs[0].start is not None for time in times]
     dated = [time.zero is not None for time in times]
     if any(timed) and not all(timed):
         raise RecordingFormatError(
-            f"{where}: expected sampling times of every channel to resample; got {sum(timed)} of {len(timed)}"
+            f"{where}: expected a start or times of every channel to resample; got {sum(timed)} of {len(timed)}"
         )
     if any(dated) and not all(dated):
         raise RecordingFormatError(f"{where}: expected a start of every channel or of none; got {sum(dated)}")
-    says = any(timed) or any(dated) or any(time.runs[0].start for time in times)
-    return () if says else (f"{where}: no channel says when it starts; all are taken to start together",)
+    return () if any(timed) else (f"{where}: no channel says when it starts; all are taken to start together",)
 
 
 def _require_one_clock(
@@ -263,11 +290,21 @@ def _runs_shown(time: ChannelTime) -> str:
     return ", ".join(shown) + (", …" if len(time.runs) > 5 else "")
 
 
-def interval_of(record: Record, window_interval: float | None) -> timedelta:
-    """Return the time from the start of one window of a two-dimensional array to that of the next."""
+def starts_of_windows(record: Record, n_windows: int, window_interval: float | None) -> list[timedelta]:
+    """Return when the windows of a two-dimensional array begin behind the first, as the file says, else the map."""
+    if len(record.starts) == n_windows:
+        stated = np.arange(n_windows) * window_interval if window_interval is not None else np.array(record.starts)
+        off = np.abs(stated - np.array(record.starts))
+        if off.max() > _SAME_START:
+            place = int(np.argmax(off > _SAME_START))
+            raise RecordingFormatError(
+                f"{record.file_name}: expected windows {window_interval} s apart as window_interval_s of the map says; "
+                f"window {place + 1} of the file begins {record.starts[place]:.6g} s behind the first"
+            )
+        return [timedelta(seconds=start) for start in record.starts]
     if window_interval is None:
         raise RecordingFormatError(
             f"{record.file_name}: expected window_interval_s, the time from the start of one window to the next; it is "
             "missing"
         )
-    return timedelta(seconds=window_interval)
+    return [timedelta(seconds=number * window_interval) for number in range(n_windows)]

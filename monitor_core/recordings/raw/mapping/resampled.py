@@ -75,7 +75,7 @@ def _pieces(values: SampleArray, time: ChannelTime, where: str) -> list[_Piece]:
         )
     pieces, at = [], 0
     for run in time.runs:
-        if run.start is None:
+        if run.start is None and at:
             raise RecordingFormatError(
                 f"{where}: expected times from one start to resample; the file does not say when sample {at} was taken"
             )

@@ -13,7 +13,7 @@ from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canon
 from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit
 from monitor_core.recordings.raw.channel_time import GAP, printed_digit, time_of_samples
 from monitor_core.recordings.raw.channels import HEAD, Channels
-from monitor_core.recordings.raw.inspection import step_of
+from monitor_core.recordings.raw.inspection import days_of, step_of
 from monitor_core.recordings.raw.mapping.times import times_of
 from monitor_core.recordings.raw.proposal.entries import (
     MapEntry,
@@ -105,6 +105,8 @@ def _unit_of_times(times: Part) -> tuple[str | None, Mark, str]:
         return unit, Mark.STATED, "as the file says"
     if unit is None and (names_other_unit(times.channel.name) or _counts(times)):
         return None, Mark.FILL_IN, ""
+    if unit is None and days_of(step, times.head) is not None:
+        return "d", Mark.CONFIRM, "days since a date, as spreadsheets count"
     if unit is None and step is not None:
         unit = next((name for name, longest in _PLAUSIBLE_STEPS if step <= longest), None)
     if unit is None or step is None:

@@ -12,10 +12,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from monitor_core.arrays import BoolArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import listed, require_file
-from monitor_core.recordings.raw.channel_time import ChannelTime
+from monitor_core.recordings.raw.channel_time import ChannelTime, Run
 from monitor_core.recordings.raw.channels import Channel, Channels, Stored, require_distinct, single_numbers
 from monitor_core.recordings.raw.stated_numbers import numbers_above
 from monitor_core.recordings.raw.text import lvm, twincat
@@ -152,7 +154,7 @@ def _read_plain(path: Path, watch: Watch | None = None) -> Channels:
     _require_names(names, path.name)
     if not any(line.strip() for line in rows.ahead(1)):
         raise RecordingFormatError(f"{path.name}, row {rows.row}: expected numbers under the header; got none")
-    form = TableForm(tuple(names), separator, blanks=pairs is not None)
+    form = TableForm(tuple(names), separator, blanks=pairs is not None, marks=pairs is None)
     watch = None if pairs else watch
     table = read_table(rows.blocks(), form, f"{path.name}, row", watch)
     return _channels(
@@ -185,7 +187,7 @@ def _read_with_layout(path: Path, layout: TextLayout, watch: Watch | None = None
         raise RecordingFormatError(f"{error}; header_row = 0 in [text] calls the columns '1', '2', …") from None
     trailing = all(len(row) == len(names) + 1 and not row[-1] for row in cells)
     form = TableForm(tuple(names), separator, decimal, texts, quotes=True, blanks=pairs is not None,
-                     gaps=pairs is None, trailing=trailing, comment=layout.comment)  # fmt: skip
+                     gaps=pairs is None, trailing=trailing, comment=layout.comment, marks=pairs is None)  # fmt: skip
     watch = None if pairs else watch
     table = read_table(rows.blocks(), form, f"{path.name}, row", watch)
     again = None if watch is None else partial(_read_with_layout, path, layout)
@@ -279,12 +281,13 @@ def _channels(
     ``RecordingFormatError`` if a value has no time, or a time no value.
     """
     file_name, names, channels = path.name, form.names, list[Channel]()
+    time = ChannelTime(runs=_runs(table))
     for number, (i, samples) in enumerate(table.numbers.items()):
         if pairs is None:
             stored: Stored | SampleArray = samples
             if again is not None and samples.size < table.n_rows:
                 stored = Stored((table.n_rows,), samples, number, partial(_pieces, again))
-            channels.append(Channel(names[i], stored, units.get(i)))
+            channels.append(Channel(names[i], stored, units.get(i), time))
             continue
         blank, clock = table.blank.get(i), pairs.get(i)
         if clock is not None and not _equal(blank, table.blank.get(clock)):
@@ -304,6 +307,20 @@ def _pieces(again: Callable[[], Channels], wanted: Collection[int]) -> Iterator[
     channels = again().channels
     for number in wanted:
         yield number, channels[number].samples
+
+
+def _runs(table: Table) -> tuple[Run, ...]:
+    """Return the rows between those without a number; a column that counts the samples says how many are missing."""
+    if not table.breaks:
+        return ()
+    begins = [n_rows for n_rows, _ in table.breaks]
+    counted = [np.diff(numbers) for numbers in table.numbers.values() if numbers.size == table.n_rows]
+    counter = next((steps for steps in counted if np.all(np.delete(steps, np.array(begins) - 1) == 1.0)), None)
+    runs = [Run(begins[0])]
+    for (begin, mark), end in zip(table.breaks, [*begins[1:], table.n_rows], strict=True):
+        n_lost = None if counter is None or not counter[begin - 1] >= 1.0 else int(counter[begin - 1]) - 1
+        runs.append(Run(end - begin, None, mark=mark, n_lost=n_lost))
+    return tuple(runs)
 
 
 def _equal(blank: BoolArray | None, other: BoolArray | None) -> bool:

@@ -4,15 +4,17 @@ This is a reader of our own: lvm-read takes what it cannot parse for NaN, and by
 to the recording.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.raw.channel_time import ChannelTime, even_time
+from monitor_core.recordings.raw.channel_time import ChannelTime, Run, time_of_step
 from monitor_core.recordings.raw.channels import Channel, Channels, require_distinct
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.table import (
@@ -33,6 +35,9 @@ _END = "***End_of_Header***"
 _SEPARATORS = {"tab": "\t", "comma": ","}
 _MOST_HEADER_ROWS = 1000
 _MOST_SEGMENTS = 4096
+_DATE_AND_TIME = re.compile(r"(\d{4})[-/.](\d\d?)[-/.](\d\d?) (\d\d?):(\d\d):(\d\d)(\.\d+)?", re.ASCII)
+#: Of so many x the mean step is known to a hundredth, although they are printed to few digits.
+_FEWEST_STEPS, _SAME_STEP = 200, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,14 @@ class _Column:
     unit: str | None
     step: float | None  # [s]; None: x is no time, or no step is stated
     believe_rows: bool  # where the header states more samples
+    n_digits: int  # that the step is printed to
+    x0: float | None  # first x [s]
+    date_and_time: str  # of x = 0, of no zone
+
+    @property
+    def begins(self) -> tuple[float | None, str, float | None]:
+        """Say when its samples were taken, as its header states it."""
+        return self.x0, self.date_and_time, self.step
 
 
 def is_lvm(head: bytes) -> bool:
@@ -70,8 +83,9 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
     """Read the channels of an LVM file with their units and rates.
 
     Where x stands in columns ("X_Columns" One or Multi), these are channels too, and the clocks of the others; else the
-    rate is that of ``Delta_X``, as it is of a channel of fewer samples beside one column of x. Dates and times in the
-    header carry no zone, so there is no start. Channels without samples are left out. Several segments of equal
+    rate is that of ``Delta_X`` and the first x is ``X0``, as they are of a channel whose ``X0``, ``Date``, ``Time`` or
+    step differ from those of the one column of x. ``Date`` and ``Time`` carry no zone, so it is not known when that
+    was, but how far channels and segments are apart. Channels without samples are left out. Several segments of equal
     channels are rows of two-dimensional arrays; where they differ, channels are named "segment/channel". ``layout`` may
     say that rows are believed where a header states more samples than there are. ``RecordingFormatError`` if the file
     is damaged or cut off.
@@ -80,14 +94,14 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
         raise RecordingFormatError(f'{path.name}: expected only believe = "rows" in [text] of an LVM file')
     rows = Rows(path, _encoding(path))
     header = _file_header(rows, believe_rows=layout is not None)
-    segments: list[tuple[Channel, ...]] = []
+    segments: list[tuple[tuple[Channel, str], ...]] = []
     while _skip_blank(rows):
         if len(segments) == _MOST_SEGMENTS:
             raise RecordingFormatError(f"{path.name}: expected at most {_MOST_SEGMENTS} segments; got more")
         segments.append(_segment(rows, header))
     if not segments:
         raise RecordingFormatError(f"{path.name}: expected a segment of samples behind the header; the file ends there")
-    return Channels(path.name, _joined(segments))
+    return Channels(path.name, _joined(segments, path.name))
 
 
 def _encoding(path: Path) -> str:
@@ -142,7 +156,7 @@ def _skip_blank(rows: Rows) -> bool:
     return False
 
 
-def _segment(rows: Rows, header: _FileHeader) -> tuple[Channel, ...]:
+def _segment(rows: Rows, header: _FileHeader) -> tuple[tuple[Channel, str], ...]:
     where = f"{rows.file_name}, row {rows.row}"
     stated: dict[str, list[str]] = {}
     for line in _header_rows(rows):
@@ -188,14 +202,21 @@ def _column(stated: Mapping[str, list[str]], header: _FileHeader, names: list[st
         return dict(enumerate(stated.get(key, []), start=1)).get(number, "")
 
     step, has_x = _step(entry("Delta_X"), header.decimal, f"{where}, Delta_X"), header.columns_of_x != "No"
+    of_time = entry("X_Dimension").lower() in ("time", "")
+    x0 = entry("X0").replace(header.decimal, ".") or ("0" if entry("Time") else "")
+    if x0 and (not is_number(x0) or not np.isfinite(float(x0))):
+        raise RecordingFormatError(f"{where}, X0: expected a number; got {x0[:40]!r}")
     return _Column(
         names[number],
         number,
         (number - 1 if header.stride == 2 else 0) if has_x else None,
         _whole(entry("Samples"), f"{where}, Samples") if entry("Samples") else None,
         entry("Y_Unit_Label") or None,
-        step if entry("X_Dimension").lower() in ("time", "") else None,
+        step if of_time else None,
         header.believe_rows,
+        len(re.sub(r"[eE].*|\D", "", entry("Delta_X")).lstrip("0")),
+        float(x0) if of_time and x0 else None,
+        f"{entry('Date')} {entry('Time')}".replace(",", ".").strip(),
     )
 
 
@@ -229,7 +250,10 @@ def _without_comment(line: str, separator: str, n_separators: int) -> str:
     return separator.join(line.split(separator, n_separators + 1)[: n_separators + 1])
 
 
-def _channels(columns: Sequence[_Column], names: Sequence[str], table: Table, where: str) -> Iterator[Channel]:
+def _channels(
+    columns: Sequence[_Column], names: Sequence[str], table: Table, where: str
+) -> Iterator[tuple[Channel, str]]:
+    """Yield the channels, and the date and time that each counts from."""
     clocks: dict[int, Channel] = {}
     for column in columns:
         place = f"{where}, {shown(column.name)}"
@@ -244,23 +268,65 @@ def _channels(columns: Sequence[_Column], names: Sequence[str], table: Table, wh
                 f"{place}: expected {stated or 'some'} samples as its header says; got {samples.size}"
                 f"{_why_fewer(column, samples.size, times)}"
             )
+        if clock is not None and clock == columns[0].clock and column.begins != columns[0].begins:
+            if column.step is None:
+                raise RecordingFormatError(
+                    f"{place}: expected X0, Date and Time of the one column of x, or Delta_X; it begins at "
+                    f"{column.x0} s behind {column.date_and_time!r}, and that at {columns[0].x0} s behind "
+                    f"{columns[0].date_and_time!r}"
+                )
+            clock = None  # the one column of x is of the first channel
         if clock is not None and clock not in clocks:
             times = _held(table, clock, f"{where}, {shown(names[clock])}: expected x")
             clocks[clock] = Channel(names[clock], times, "s")
-            yield clocks[clock]
-        is_slow = samples.size == stated and column.step is not None
-        if clock is not None and clocks[clock].samples.size > samples.size and is_slow:
-            clock = None  # sampled more slowly than x: a record of its own
+            yield clocks[clock], ""
+        is_shorter = samples.size == stated and column.step is not None
+        if clock is not None and clocks[clock].samples.size > samples.size and is_shorter:
+            clock = None  # a record of its own
         if clock is not None and clocks[clock].samples.size != samples.size:
             raise RecordingFormatError(
                 f"{place}: expected a value for each x; got {samples.size} values and {clocks[clock].samples.size} x"
             )
+        if clock is not None and stated == samples.size and column.step is not None:
+            _require_step(clocks[clock].samples, column.step, place)
         # more samples than stated: packets under one header, which does not say that none is missing between them
         step = column.step if clock is None and stated in (None, samples.size) else None
-        time = ChannelTime(clock=names[clock]) if clock is not None else ChannelTime()
+        time = ChannelTime(clock=None if clock is None else names[clock])
         if step is not None:
-            time = even_time(samples.size, 1.0 / step)
-        yield Channel(column.name, samples, column.unit, time)
+            time = time_of_step(samples.size, step, column.n_digits, column.x0)
+        yield Channel(column.name, samples, column.unit, time), column.date_and_time
+
+
+def _require_step(times: SampleArray, step: float, where: str) -> None:
+    """Refuse a column of x that contradicts the step of the header."""
+    if times.size < _FEWEST_STEPS or not times[-1] > times[0]:
+        return
+    found = float(times[-1] - times[0]) / (times.size - 1)
+    if abs(found / step - 1.0) > _SAME_STEP:
+        raise RecordingFormatError(f"{where}: expected x in steps of {step:g} s as Delta_X says; got {found:.6g} s")
+
+
+def _offsets(texts: Sequence[str], where: str) -> dict[str, float]:
+    """Return how far dates and times, of no zone, are behind the earliest [s]; how one is written matters to no other.
+
+    ``RecordingFormatError`` if there are several, and one of them is not written as the specification says.
+    """
+    distinct = dict.fromkeys(text for text in texts if text)
+    if len(distinct) < 2:  # nothing to compare
+        return dict.fromkeys(["", *distinct], 0.0)
+    moments = dict[str, datetime]()
+    for text in distinct:
+        match = _DATE_AND_TIME.fullmatch(text)
+        try:
+            year, month, day, hour, minute, second = (int(n) for n in (match.groups()[:6] if match is not None else ()))
+            moments[text] = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+        except ValueError:
+            raise RecordingFormatError(
+                f"{where}: expected Date and Time such as '2025/03/01' and '06:00:00.5'; got {text[:60]!r}"
+            ) from None
+        moments[text] += timedelta(seconds=float(f"0{match[7] or '.0'}") if match else 0.0)
+    earliest = min(moments.values())
+    return {"": 0.0} | {text: (moment - earliest).total_seconds() for text, moment in moments.items()}
 
 
 def _why_fewer(column: _Column, n_samples: int, times: FloatArray | None) -> str:
@@ -285,8 +351,13 @@ def _held(table: Table, column: int, expected: str) -> FloatArray:
     return table.numbers[column][:n_held]
 
 
-def _joined(segments: Sequence[tuple[Channel, ...]]) -> tuple[Channel, ...]:
-    """Join segments of equal channels to arrays of a row each, or number them."""
+def _joined(read: Sequence[tuple[tuple[Channel, str], ...]], where: str) -> tuple[Channel, ...]:
+    """Join segments of equal channels to arrays of a row each, or number them; their times count from the earliest."""
+    offsets = _offsets([text for of_segment in read for _, text in of_segment], where)
+    segments = [
+        tuple(replace(channel, time=replace(channel.time, offset=offsets[text])) for channel, text in of_segment)
+        for of_segment in read
+    ]
     if len(segments) == 1:
         return segments[0]
     alike = {
@@ -296,7 +367,7 @@ def _joined(segments: Sequence[tuple[Channel, ...]]) -> tuple[Channel, ...]:
     if len(alike) == 1 and all(c.time.clock is None for c in segments[0]) and segments[0][0].time.sample_rate:
         return tuple(
             Channel(same[0].name, np.stack([channel.samples for channel in same]), same[0].unit,
-                    replace(same[0].time, runs=tuple(run for channel in same for run in channel.time.runs)))
+                    replace(same[0].time, offset=0.0, runs=tuple(_row(channel.time) for channel in same)))
             for same in zip(*segments, strict=True)
         )  # fmt: skip
     return tuple(
@@ -305,3 +376,8 @@ def _joined(segments: Sequence[tuple[Channel, ...]]) -> tuple[Channel, ...]:
         for number, channels in enumerate(segments, start=1)
         for c in channels
     )  # fmt: skip
+
+
+def _row(time: ChannelTime) -> Run:
+    (run,) = time.runs
+    return replace(run, start=None if run.start is None else run.start + time.offset)

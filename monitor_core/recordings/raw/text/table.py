@@ -175,6 +175,7 @@ class TableForm:
     gaps: bool = False  # cells may be blank: NaN stands there
     trailing: bool = False  # a separator ends each row
     comment: str | None = None  # rows that begin so are left out
+    marks: bool = False  # rows without a number may stand among the numbers, and part them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,6 +186,7 @@ class Table:
     texts: dict[int, tuple[str, ...]]
     blank: dict[int, BoolArray]  # columns in which cells were blank, and where
     n_rows: int
+    breaks: tuple[tuple[int, str], ...] = ()  # rows of numbers in front of a row without one, and what stands there
 
 
 class Watch(Protocol):
@@ -230,6 +232,15 @@ def read_table(
     return reader.table()
 
 
+@dataclass(frozen=True, slots=True)
+class _Mark:
+    """A row without a number: words, a comment, or nothing."""
+
+    row: int
+    line: str
+    is_comment: bool = False
+
+
 #: Numbers of columns, and which cells were blank.
 _Numbers = dict[int, tuple[FloatArray, BoolArray | None]]
 
@@ -248,29 +259,52 @@ class _TableReader:
         if watch is not None:
             watch.begin(len(self._numbers))
         self._n_rows = 0
-        self._blank_row: int | None = None  # a blank row that only blank ones may follow
+        self._mark: _Mark | None = None  # that no row of numbers follows yet
+        self._breaks: list[tuple[int, str]] = []
         self._commas = form.decimal != "." and (form.separator != "," or form.quotes)  # in numbers
         self._decimal = form.decimal  # "" until a number with a comma or a point shows it
 
     def add(self, first_row: int, lines: list[str]) -> None:
         """Take a block."""
-        rows: Sequence[int] = range(first_row, first_row + len(lines))
-        comment = self._form.comment
+        comment, begin = self._form.comment, 0
         if comment is not None and any(line.startswith(comment) for line in lines):
-            kept = [i for i, line in enumerate(lines) if not line.startswith(comment)]
-            rows, lines = [rows[i] for i in kept], [lines[i] for i in kept]
+            for i in (i for i, line in enumerate(lines) if line.startswith(comment)):
+                self._take_filled(range(first_row + begin, first_row + i), lines[begin:i])
+                self._set_mark(_Mark(first_row + i, lines[i], is_comment=True))
+                begin = i + 1
+        self._take_filled(range(first_row + begin, first_row + len(lines)), lines[begin:])
+
+    def _take_filled(self, rows: Sequence[int], lines: list[str]) -> None:
         n_filled = len(lines)
         while n_filled and not lines[n_filled - 1].strip():
             n_filled -= 1
-        if n_filled and self._blank_row is not None:
-            self._refuse(self._blank_row, "expected numbers", f"got a blank row; remove row {self._blank_row}")
-        if n_filled < len(lines) and self._blank_row is None:
-            self._blank_row = rows[n_filled]
         if n_filled:
             self._take(rows[:n_filled], lines[:n_filled])
+        if n_filled < len(lines):
+            self._set_mark(_Mark(rows[n_filled], ""))
+
+    def _set_mark(self, mark: "_Mark") -> None:
+        """Remember a row without a number; of several, the first that holds words."""
+        if self._mark is None or not self._mark.line:
+            self._mark = mark
+
+    def _end_mark(self) -> None:
+        """Part the rows at a row without a number, now that one of numbers follows."""
+        mark, self._mark = self._mark, None
+        if mark is None or (mark.is_comment and not self._form.marks):
+            return
+        if not mark.line and (self._n_rows == 0 or not self._form.marks):
+            self._refuse(mark.row, "expected numbers", f"got a blank row; remove row {mark.row}")
+        if self._n_rows:
+            words = f" {shown(mark.line.strip())}" if mark.line else ", which is blank"
+            self._breaks.append((self._n_rows, f"row {mark.row}{words}"))
+        elif not mark.is_comment:
+            self._refuse_row(mark.row, mark.line)
 
     def table(self) -> Table:
         """Return the columns that have been read."""
+        if self._mark is not None and self._mark.line and not self._mark.is_comment:
+            self._refuse_row(self._mark.row, self._mark.line)
         numbers, blank = dict[int, FloatArray](), dict[int, BoolArray]()
         for i, blocks in self._numbers.items():
             numbers[i] = np.concatenate(blocks) if blocks else np.empty(0)
@@ -278,7 +312,9 @@ class _TableReader:
             blocks.clear()  # so that only one column stands in memory twice
             if any(block.any() for block in self._blank[i]):
                 blank[i] = np.concatenate(self._blank[i])
-        return Table(numbers, {i: tuple(texts) for i, texts in self._texts.items()}, blank, self._n_rows)
+        return Table(
+            numbers, {i: tuple(texts) for i, texts in self._texts.items()}, blank, self._n_rows, tuple(self._breaks)
+        )
 
     def _take(self, rows: Sequence[int], lines: list[str]) -> None:
         """Take rows, all at once if all of them fit; else the first that does not is found by halves, and refused."""
@@ -291,6 +327,9 @@ class _TableReader:
                 numbers = {i: self._numbers_in(columns[i]) for i in self._numbers}
         except ValueError:
             self._decimal = decimal
+            if len(lines) == 1 and self._form.marks and self._holds_no_number(lines[0]):
+                self._set_mark(_Mark(rows[0], lines[0].strip()))
+                return
             if len(lines) == 1:
                 self._refuse_row(rows[0], lines[0])
                 raise
@@ -298,6 +337,7 @@ class _TableReader:
             self._take(rows[:half], lines[:half])
             self._take(rows[half:], lines[half:])
             return
+        self._end_mark()
         is_kept = self._watch is None or self._n_rows < HEAD
         self._n_rows += len(lines)
         if self._n_rows > MAX_SAMPLES or self._n_rows * len(self._form.names) > MAX_NUMBERS:
@@ -328,6 +368,14 @@ class _TableReader:
         numbers = csv_of_arrow(text, len(form.names), separator, decimal) if is_plain and csv_of_arrow else None
         self._at_once = numbers is not None  # of a table with one gap, more are to be expected
         return numbers
+
+    def _holds_no_number(self, line: str) -> bool:
+        """Tell whether a row is none of the table: words of another number of cells, or the header again."""
+        cells = split_cells(line[: BLOCK // 16], self._form.separator, quotes=self._form.quotes)
+        is_header = tuple(cells) == self._form.names
+        is_word = not line.strip() or line.lstrip()[0].isalnum()  # other signs begin a comment, which a layout states
+        fits = len(cells) == len(self._form.names) and not is_header
+        return is_word and not fits and not any(is_number(cell, "") for cell in cells)
 
     def _columns(self, lines: list[str]) -> Sequence[Sequence[str]]:
         """Return the cells of rows, column by column; ``ValueError`` if a row has too few or too many."""
