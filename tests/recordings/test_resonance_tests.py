@@ -1,4 +1,4 @@
-"""Klipper's resonance tests: files as Klipper writes them, of an axis that is simulated, to a frequency."""
+"""Files as Klipper and LinuxCNC write them, of axes that are simulated, to a frequency in two commands."""
 
 import re
 import tomllib
@@ -11,7 +11,7 @@ from monitor_core.recordings.raw.formats import read_channels
 from tests.conftest import PROJECT_ROOT
 
 PAGE = (PROJECT_ROOT / "docs/how-to/resonance-tests.md").read_text(encoding="utf-8")
-MAP = re.search(r'```toml title="printer-x.toml"\n(.*?)```', PAGE, re.DOTALL)[1]
+MAP, MAP_OF_MILL = re.findall(r'```toml title=".*?"\n(.*?)```', PAGE, re.DOTALL)
 FREQUENCY, DAMPING = 58.3, 0.06
 #: Counts of an ADXL345, as Klipper scales them [mm/s²].
 COUNT = 0.003774 * 9806.65
@@ -68,14 +68,20 @@ def test_what_klipper_writes_states_its_units_and_its_clock(folder):
     ]
 
 
-def test_a_resonance_test_gives_the_frequency_of_the_axis_in_two_commands(folder, preload, monkeypatch):
-    monkeypatch.chdir(folder)
-    commands = re.findall(r"^\$ \.venv/bin/preload (.*raw_data_x\.csv.*)$", PAGE, re.MULTILINE)
+def found_by_the_page(preload, name):
+    """Run the two commands that the page has for a file, in the folder of this process."""
+    commands = re.findall(rf"^\$ \.venv/bin/preload (.*{re.escape(name)}.*)$", PAGE, re.MULTILINE)
     assert len(commands) == 2
     for command in commands:
         answer = preload(*command.split(), "--json")
         assert answer.exit_code == 0, answer.err
     (found,) = answer.json()["measurements"]
+    return found, answer.err
+
+
+def test_a_resonance_test_gives_the_frequency_of_the_axis_in_two_commands(folder, preload, monkeypatch):
+    monkeypatch.chdir(folder)
+    found, _ = found_by_the_page(preload, "raw_data_x.csv")
     assert found["frequency_hz"] == pytest.approx(FREQUENCY, abs=4.0 * found["frequency_standard_uncertainty_hz"])
     assert found["frequency_standard_uncertainty_hz"] < 0.01
     assert found["damping_ratio"] == pytest.approx(DAMPING, rel=0.02)
@@ -92,3 +98,33 @@ def test_settings_of_another_test_are_refused(folder, preload):
         (folder / "wrong.toml").write_text(MAP.replace(stated, other), encoding="utf-8")
         answer = preload("frf", folder / "raw_data_x.csv", "--map", folder / "wrong.toml")
         assert (answer.exit_code, sentence in answer.err) == (2, True), (other, answer.err)
+
+
+def test_samples_of_a_hal_give_the_frequency_and_no_window_crosses_an_overrun(tmp_path, preload, monkeypatch):
+    """What halsampler prints: the number and the pins, a blank behind each, and "overrun" where the numbers leap."""
+    rate, n, lost, rng = 1000.0, 60_000, range(20_000, 20_373), np.random.default_rng(0)
+    w = 2.0 * np.pi * 87.3
+    axis = ([9.0, 0.0, 0.0], [1.0, 2.0 * 0.018 * w, w * w])
+    numerator, denominator, _ = scipy.signal.cont2discrete(axis, 1.0 / rate)
+    torque = 0.4 * rng.normal(size=n)
+    acceleration = scipy.signal.lfilter(numerator[0], denominator, torque) + 0.3 * rng.normal(size=n)
+    position = 250.0 + 1e-5 * np.cumsum(rng.normal(size=n))
+    rows = [f"{i} {torque[i]:f} {acceleration[i]:f} {position[i]:f} \n" for i in range(n) if i not in lost]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "axis-x.toml").write_text(MAP_OF_MILL, encoding="utf-8")
+    for mark in ("overrun\n", ""):
+        content = "".join(rows[: lost.start]) + mark + "".join(rows[lost.start :])
+        (tmp_path / "axis-x.txt").write_text(content, encoding="utf-8")
+        found, said = found_by_the_page(preload, "axis-x.txt")
+        assert found["frequency_hz"] == pytest.approx(87.3, abs=4.0 * found["frequency_standard_uncertainty_hz"])
+        assert found["frequency_standard_uncertainty_hz"] < 0.05
+        assert "samples are missing behind sample 19999" in said
+        assert found["n_averages"] <= 20_000 // 2048 + (n - lost.stop) // 2048
+    (tmp_path / "without.toml").write_text(
+        MAP_OF_MILL.replace('[time]\nchannel = "1"\nsample_rate_hz = 1000', "").replace(
+            "[window]", "[window]\nsample_rate_hz = 1000"
+        ),
+        encoding="utf-8",
+    )
+    answer = preload("frf", "axis-x.txt", "--map", "without.toml")
+    assert "'1' numbers them, and leaps by 374 behind sample 19999" in answer.err

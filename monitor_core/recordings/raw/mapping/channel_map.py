@@ -34,7 +34,7 @@
 
     [time]                                     # only if a channel holds the sampling times
     channel = "t"
-    unit = "s"                                 # numbers; or, for texts of a date and time:
+    unit = "s"                                 # numbers; or of the samples: sample_rate_hz; or, for texts of a date:
     format = "iso"                             # iso | a pattern of strptime such as "%d.%m.%Y %H:%M:%S.%f"
     date = "Date"                              # optional second channel in front of it
     zone = "+01:00"                            # where the texts carry none
@@ -131,7 +131,7 @@ _ENTRIES: dict[str, AbstractSet[str]] = {
     "excitation": _SIGNAL | {"quantity", "source", "sweep"},
     "response": _SIGNAL,
     "position": _SIGNAL,
-    "time": _PLACE | {"unit", "format", "date", "zone"},
+    "time": _PLACE | {"unit", "format", "date", "zone", "sample_rate_hz"},
     "resample": {"sample_rate_hz", "method"},
     "window": _FACTS | {
         "sample_rate_hz", "samples_per_window", "windows_in", "window_interval_s", "file_interval_s",
@@ -344,7 +344,12 @@ def _time_source(top: Fields) -> TimeSource | None:
                 raise RecordingFormatError(f"{fields.where}: expected {name} with format; got it with unit")
         unit = fields.optional_text("unit")
         factor = None if unit is None else factor_to_si(unit, Quantity.TIME, f"{fields.where}, unit")
-        return TimeSource(channel, factor, unit, row=row, column=column)
+        counts_at = fields.optional_positive("sample_rate_hz", "Hz")
+        if counts_at is not None and (unit is not None or channel is None):
+            raise RecordingFormatError(
+                f"{fields.where}: expected sample_rate_hz with a channel of sample numbers alone"
+            )
+        return TimeSource(channel, factor, unit, row=row, column=column, counts_at=counts_at)
     if "unit" in fields:
         raise RecordingFormatError(f"{fields.where}: expected unit for numbers or format for texts; got both")
     channel = fields.text("channel")

@@ -45,7 +45,7 @@ class MappedChannel:
 
 @dataclass(frozen=True, slots=True)
 class TimeSource:
-    """Which channel holds sampling times, and what they are in: numbers of a unit, or texts of a date and time."""
+    """Which channel holds sampling times, and what they are: numbers of a unit or of samples, or texts of a date."""
 
     channel: str | None  # None: each signal names its own
     factor: float | None  # of numbers, to seconds; None: texts, or the file says it
@@ -55,6 +55,7 @@ class TimeSource:
     zone: tzinfo | None = None  # where the texts carry none
     row: int | None = None  # of a two-dimensional array, counted from 0
     column: int | None = None  # the same; at most one of the two
+    counts_at: float | None = None  # it numbers the samples that were taken at this rate [Hz]
 
 
 @dataclass(frozen=True, slots=True)

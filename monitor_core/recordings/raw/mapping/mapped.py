@@ -29,6 +29,8 @@ from monitor_core.recordings.raw.mapping.times import times_of
 
 #: So far may the start of a window be off what the map says: programs write clocks to the second [s].
 _SAME_START = 1.0
+#: Whole numbers that rise by one so often number the samples.
+_NUMBERED = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,6 +165,8 @@ def _times(
     """Return when the samples of each signal were taken, and what is to be said of it."""
     taken: dict[tuple[object, ...], tuple[ChannelTime, tuple[str, ...]]] = {}
     times, all_remarks = list[ChannelTime](), dict[str, None]()
+    if channel_map.sample_rate is not None:
+        _require_no_leap(channels, signals[0].samples.size)
     for signal, source in zip(signals, sources, strict=True):
         in_file = signal.time.in_runs(signal.samples.size)
         stated: dict[str, ChannelTime] = {}
@@ -194,6 +198,19 @@ def _times(
     return times, tuple(all_remarks)
 
 
+def _require_no_leap(channels: Channels, n_samples: int) -> None:
+    """Refuse a rate for all samples where a channel numbers them and leaps: some are missing there."""
+    for channel in channels.channels:
+        steps = np.diff(channel.samples) if channel.samples.shape == (n_samples,) else np.empty(0)
+        if steps.size and steps.min() == 1.0 and steps.max() > 1.0 and np.mean(steps == 1.0) > _NUMBERED:
+            at = int(np.argmax(steps))
+            raise RecordingFormatError(
+                f"{channels.file_name}: expected samples without a gap, as the map says; {channel.name!r} "
+                f"numbers them, and leaps by {steps[at]:g} behind sample {at}: a table [time] with this channel and "
+                "sample_rate_hz minds the gap"
+            )
+
+
 def _rates_shown(time: ChannelTime) -> str:
     rates = dict.fromkeys("uneven times" if run.sample_rate is None else f"{run.sample_rate} Hz" for run in time.runs)
     return " then ".join(rates)
@@ -223,10 +240,13 @@ def _time_of_clock(
         found, remarks = time_of_samples(seconds, printed_digit(seconds), where, parted, texts)
         return replace(found, zero=start), remarks
     channel = channels.channel(name)
-    stated = agreed_unit(channel.unit, unit_in_name(channel.name), unit or "", where)
     if time is not None and name == time.channel:
         channel = _part(channel, time.row, time.column, channels.file_name)
-    factor = factor_to_si(stated, Quantity.TIME, where)
+    if time is not None and time.counts_at is not None:
+        factor = 1.0 / time.counts_at
+    else:
+        stated = agreed_unit(channel.unit, unit_in_name(channel.name), unit or "", where)
+        factor = factor_to_si(stated, Quantity.TIME, where)
     times: FloatArray = channel.samples.astype(np.float64) * factor
     printed = printed_digit(channel.samples.reshape(-1)) * factor
     found, remarks = time_of_samples(times, printed, where, channel.time.runs)
