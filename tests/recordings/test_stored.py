@@ -113,6 +113,7 @@ def test_numbers_of_a_long_table_are_those_of_python():
     for decimal in ".,":
         text = "\n".join(f"{cell}; 1" for cell in shown).replace(".", decimal)
         np.testing.assert_array_equal(read(text, 2, ";", decimal)[0][0], list(map(float, shown)))
+    assert read("1;2\n\n3;4", 2, ";", ".") is read("\n3;4", 2, ";", ".") is read("3;4\n", 2, ";", ".") is None
     odd = ["", " ", "1_0", "1.5", "x", "NA", "null", '"1"', "1 2", "0x1", "1'000", "--1", "1;2", "1\n\n2;3"]
     assert [cell for cell in odd if read(f"{cell};1\n2;3", 2, ";", ",") is not None] == []
 

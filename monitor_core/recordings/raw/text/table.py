@@ -479,7 +479,7 @@ def _csv_of_arrow() -> "Callable[[str, int, str, str], _Numbers | None] | None":
             )  # fmt: skip
         except pa.ArrowInvalid:
             return None
-        if table.num_rows != text.count("\n") + 1:  # blank rows are left out
+        if table.num_rows != text.count("\n") + 1:  # a blank text has no rows
             return None
         return {i: (column.to_numpy(), None) for i, column in enumerate(table.columns)}
 
