@@ -106,8 +106,23 @@ def unit_in_name(name: str) -> str | None:
     A single letter at the end is a unit only of what the rest of the name says: ``force_n``, but not ``axis_a``;
     and so is "in", which is a word: ``travel_in``, but not ``signal_in``.
     """
-    if (bracket := _IN_BRACKETS.search(name)) is not None:
-        return _spelt(bracket[1].strip(), kind_of_name(name))
+    bracket = _IN_BRACKETS.search(name)
+    stated = None if bracket is None else _spelt(bracket[1].strip(), kind_of_name(name))
+    stated = stated or _unit_behind_sign(name)
+    return stated if stated is not None or bracket is not None else _unit_at_end(name)
+
+
+def _unit_behind_sign(name: str) -> str | None:
+    """Return the unit of "a / (m/s²)", "Kraft in N" and "Torque %"."""
+    for sign in ("/", " in "):
+        left, _, right = name.partition(sign)
+        kind = kind_of_name(left)
+        if kind is not None and kind == kind_of_unit(right) and not is_raw(right):
+            return canonical_unit(right)
+    return "%" if name.rstrip().endswith("%") else None
+
+
+def _unit_at_end(name: str) -> str | None:
     if (ending := _ENDING.search(name)) is None:
         return None
     says = kind_of_name(name[: ending.start()])
@@ -121,7 +136,7 @@ def unit_in_name(name: str) -> str | None:
 
 def _spelt(text: str, says: ChannelKind | None) -> str | None:
     """Return a unit as names spell it, in any letters: "nm" are newton metres of a torque."""
-    small = text.lower()
+    small = "%" if text.startswith("%") else text.lower()  # "% of rated"
     if small == "nm" and says in (ChannelKind.TORQUE, None):
         return "N.m" if says or text != "nm" else "nm"
     return canonical_unit(text) or canonical_unit(_IN_NAMES.get(small, small))
