@@ -132,17 +132,17 @@ def _from_table(
     return fit_calibration(readings, weighting=chosen, excitation_source=source, moving_mass=mass, prior=prior)
 
 
-def _print(data: Data, found: Calibration) -> None:
-    coefficients = zip(COEFFICIENT_KEYS.values(), found.parameters.values, strict=False)
+def _print(data: Data, calibration: Calibration) -> None:
+    coefficients = zip(COEFFICIENT_KEYS.values(), calibration.parameters.values, strict=False)
     print_table(
-        f"Calibration from {data.name} ({found.n_readings} readings, weighting {found.weighting})",
+        f"Calibration from {data.name} ({calibration.n_readings} readings, weighting {calibration.weighting})",
         ("quantity", "value"),
         [
             *((name, f"{value:.6g}") for name, value in coefficients),
-            ("residual, rms / max", f"{found.residual_rms:.4f} / {found.residual_max:.4f} Hz"),
-            ("reproducibility", f"{found.reproducibility:.4f} Hz"),
-            ("condition number", f"{found.condition_number:.1f}"),
-            ("minimum detectable loss", f"{minimum_detectable_loss(found):.0f} N"),
-            ("prior", found.prior or "none"),
+            ("residual, rms / max", f"{calibration.residual_rms:.4f} / {calibration.residual_max:.4f} Hz"),
+            ("reproducibility", f"{calibration.reproducibility:.4f} Hz"),
+            ("condition number", f"{calibration.condition_number:.1f}"),
+            ("minimum detectable loss", f"{minimum_detectable_loss(calibration):.0f} N"),
+            ("prior", calibration.prior or "none"),
         ],
     )

@@ -52,11 +52,11 @@ def demo(stay: bool | None, as_json: bool) -> None:
         settings = Settings(data_dir=Path(folder), port=0, host="127.0.0.1", database_url=None)
         with embedded_service(settings) as url, Client(url) as client:
             print_line(f"dashboard: {url}/", err=True)
-            found = run_demo(client, _bundled(settings))
+            demonstration = run_demo(client, _bundled(settings))
             if as_json:
-                print_json(_document(found))
+                print_json(_document(demonstration))
             else:
-                _print(found)
+                _print(demonstration)
             if stay:
                 _print_tour(url)
                 _wait()
@@ -161,11 +161,11 @@ def _wait_for_causes(client: Client, axis: str) -> bool:
     return True
 
 
-def _document(found: Demonstration) -> JsonObject:
+def _document(demonstration: Demonstration) -> JsonObject:
     return {
-        **asdict(found.windows),
-        "axes": [_summary(axis) for axis in found.axes],
-        "estimates": [{"axis": axis.name, **_point(point)} for axis in found.axes for point in axis.judged],
+        **asdict(demonstration.windows),
+        "axes": [_summary(axis) for axis in demonstration.axes],
+        "estimates": [{"axis": axis.name, **_point(point)} for axis in demonstration.axes for point in axis.judged],
         "alarms": [
             {
                 "axis": axis.name,
@@ -173,10 +173,10 @@ def _document(found: Demonstration) -> JsonObject:
                 **alarm.evidence,
                 "explanation": alarm.explanation.model_dump(mode="json"),
             }
-            for axis in found.axes
+            for axis in demonstration.axes
             for alarm in axis.alarms
         ],
-        "calibration": found.calibration,
+        "calibration": demonstration.calibration,
     }
 
 
@@ -197,13 +197,13 @@ def _point(point: TrendPointOut) -> JsonObject:
     return point.model_dump(mode="json")
 
 
-def _print(found: Demonstration) -> None:
+def _print(demonstration: Demonstration) -> None:
     print_table(
         "Trend",
         ("axis", "measurements", "refused", "preload at first", "preload at last", "95 % interval", "state"),
-        [_trend_row(axis) for axis in found.axes],
+        [_trend_row(axis) for axis in demonstration.axes],
     )
-    alarms = [(axis.name, alarm, read_evidence(alarm.evidence)) for axis in found.axes for alarm in axis.alarms]
+    alarms = [(axis.name, alarm, read_evidence(alarm.evidence)) for axis in demonstration.axes for alarm in axis.alarms]
     print_table(
         "Alarms",
         ("axis", "at", "kind", "preload", "95 % interval", "loss since baseline"),
@@ -217,9 +217,9 @@ def _print(found: Demonstration) -> None:
     )  # fmt: skip
     for name, alarm, _ in alarms:
         print_line(f"{name}: {alarm.explanation.sentence}")
-    silent = [axis.name for axis in found.axes if not axis.alarms]
+    silent = [axis.name for axis in demonstration.axes if not axis.alarms]
     print_line(
-        f"{found.windows.windows_posted} windows posted, {found.windows.windows_refused} refused; "
+        f"{demonstration.windows.windows_posted} windows posted, {demonstration.windows.windows_refused} refused; "
         f"no alarm on: {', '.join(silent) or 'none'}"
     )
 

@@ -168,7 +168,7 @@ def _subject(data: Data, baseline: Path, n_healthy: int) -> str:
 
 def _own_effects(explanation: Explanation) -> tuple[Effect[Any], ...]:
     """Return what was described as effects that the product does not know."""
-    return tuple(effect for found in explanation.described for effect in found.effects)
+    return tuple(effect for description in explanation.described for effect in description.effects)
 
 
 def _effects_beside(model: Path) -> Path:
@@ -240,11 +240,11 @@ def _print(content: ReportContent) -> None:
         print_table(
             content.found_heading,
             ("effect", "evidence (ΔBIC)", "parameter", "value", "95 % interval", "plausible"),
-            [row for found in content.effects for row in _found_rows(found)],
+            [row for effect in content.effects for row in _found_rows(effect)],
         )
-    for found in content.effects:
-        for remark in found.remarks:
-            print_line(f"- {found.name}: {remark}.")
+    for effect in content.effects:
+        for remark in effect.remarks:
+            print_line(f"- {effect.name}: {remark}.")
     print_table("Gap", ("", "fitted data", "held-out data", "noise floor"), [_texts(row) for row in content.gap])
     for number, step in enumerate(content.steps, start=1):
         print_line(f"{number}. {step}")
@@ -265,10 +265,10 @@ def _print(content: ReportContent) -> None:
         print_line(f"- {step}.")
 
 
-def _found_rows(found: EffectContent) -> Iterator[tuple[str, ...]]:
-    effect = " or ".join((found.name, *found.others))
-    for row in found.parameters:
-        yield effect, str(found.delta_bic), *_texts(row)
+def _found_rows(content: EffectContent) -> Iterator[tuple[str, ...]]:
+    effect = " or ".join((content.name, *content.others))
+    for row in content.parameters:
+        yield effect, str(content.delta_bic), *_texts(row)
 
 
 def _texts(row: Iterable[Cell]) -> tuple[str, ...]:

@@ -157,14 +157,14 @@ def _of_responses(data: Data, band_hz: tuple[float, float] | None, n_modes: int 
     from monitor_core.response_modes import modes_by_conditions  # noqa: PLC0415
 
     observations = frf_set_of(data).observations
-    found = list(modes_by_conditions(observations, band=band_hz, n_modes=n_modes))
+    groups = list(modes_by_conditions(observations, band=band_hz, n_modes=n_modes))
     if as_json:
-        print_json({"responses": [_response_document(group) for group in found]})
+        print_json({"responses": [_response_document(group) for group in groups]})
         return
     print_table(
         f"Modes in {data.name}",
         ("responses", "position", "frequency", "damping", "remarks"),
-        [row for group in found for row in _response_rows(group)],
+        [row for group in groups for row in _response_rows(group)],
     )
 
 

@@ -180,16 +180,16 @@ def _watched(name: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _print(data: Data, found: IdentifiedJoints) -> None:
-    quality = found.quality
+def _print(data: Data, identified: IdentifiedJoints) -> None:
+    quality = identified.quality
     print_table(
         f"Joints from {data.name} ({quality.kind}, {len(quality.positions)} positions)",
         ("joint", "value", "95 % interval", "verdict"),
-        [_joint_row(name, joint) for name, joint in found.joints.items()],
+        [_joint_row(name, joint) for name, joint in identified.joints.items()],
     )
-    for sentence in found.assumptions:
+    for sentence in identified.assumptions:
         print_line(sentence)
-    for sentence in (*found.not_identifiable, *found.missing_modes):
+    for sentence in (*identified.not_identifiable, *identified.missing_modes):
         print_line(f"- {sentence}.")
     rows = [
         ("starts that agree", f"{100 * quality.starts_agreeing:.0f} % of {quality.starts}"),
@@ -197,17 +197,17 @@ def _print(data: Data, found: IdentifiedJoints) -> None:
     ]
     if quality.paper_objective is not None:
         rows.append(("y of Eq. (26)", f"{quality.paper_objective:.4g}"))
-    if found.held_out is not None:
-        worst = 100.0 * abs(found.held_out.worst.relative_error)
-        rows.append((f"worst error, {held_out_kind(found.held_out)}", f"{worst:.2f} %"))
-    if found.modes_to_monitor:
-        best = found.modes_to_monitor[0]
+    if identified.held_out is not None:
+        worst = 100.0 * abs(identified.held_out.worst.relative_error)
+        rows.append((f"worst error, {held_out_kind(identified.held_out)}", f"{worst:.2f} %"))
+    if identified.modes_to_monitor:
+        best = identified.modes_to_monitor[0]
         loss = best.preload_loss
         shows = "no loss of preload" if loss is None else f"a preload loss of {100 * loss:.1f} %"
         where = f"{to_millimetres(best.peak.conditions.position):g} mm"
         rows.append(("mode to monitor", f"{best.peak.frequency:.1f} Hz at {where} shows {shows}"))
-    if found.next_positions:
-        rows.append(("measure next at", f"{to_millimetres(found.next_positions[0].position):.0f} mm"))
+    if identified.next_positions:
+        rows.append(("measure next at", f"{to_millimetres(identified.next_positions[0].position):.0f} mm"))
     print_table("What it rests on", ("quantity", "value"), rows)
 
 

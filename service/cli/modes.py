@@ -40,11 +40,11 @@ def modes(
     """List the modes of a drive model; the motion of the rigid drive (0 Hz) is left out."""
     drive = built_model(model, effects_path)
     end = None if motor_end is None else MotorEnd(motor_end)
-    found = [
+    modes_at_places = [
         (x, drive.natural_frequencies(DriveConditions(metres(x), preload_n, payload_kg), motor_end=end))
         for x in positions_mm
     ]
-    places = [(x, [mode for mode in modes if mode.frequency > 0.0]) for x, modes in found]
+    places = [(x, [mode for mode in modes if mode.frequency > 0.0]) for x, modes in modes_at_places]
     if as_json:
         positions = [{"position_mm": x, "modes": [_document(mode) for mode in modes]} for x, modes in places]
         print_json({"preload_n": preload_n, "payload_kg": payload_kg, "motor_end": motor_end, "positions": positions})

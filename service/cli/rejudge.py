@@ -77,14 +77,14 @@ def _ended(client: Client, job: _Job) -> _Job:
     return job
 
 
-def _print(axis: str, found: _Comparison) -> None:
-    old, new = (_cells(column) for column in (found.old, found.new))
+def _print(axis: str, comparison: _Comparison) -> None:
+    old, new = (_cells(column) for column in (comparison.old, comparison.new))
     rows = [(name, old[name], new[name]) for name in old]
-    columns = ("", f"calibration {found.old.calibration or '—'}", f"calibration {found.new.calibration}")
+    columns = ("", f"calibration {comparison.old.calibration or '—'}", f"calibration {comparison.new.calibration}")
     print_table(f"history of axis '{axis}'", columns, rows)
-    print_line("the same measurements raise alarms" if found.same_alarms else "other measurements raise alarms")
-    if found.waveforms_gone:
-        print_line(f"{found.waveforms_gone} measurements have no waveform any more and stand as they were judged")
+    print_line("the same measurements raise alarms" if comparison.same_alarms else "other measurements raise alarms")
+    if comparison.waveforms_gone:
+        print_line(f"{comparison.waveforms_gone} measurements have no waveform any more and stand as they were judged")
 
 
 def _cells(column: _Column) -> dict[str, str]:

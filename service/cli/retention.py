@@ -50,11 +50,11 @@ def retention() -> None:
 def show(days: int | None, data_dir: Path | None, as_json: bool) -> None:
     """Say what is kept and why, what a purge would let go, and what a year brings. Nothing is changed."""
     with _store(data_dir, **({} if days is None else {"keep_raw_days": days})) as (database, waveforms, rule, _):
-        found = retention_out(survey(database, waveforms, rule, now()))
+        stored = retention_out(survey(database, waveforms, rule, now()))
     if as_json:
-        print_json(found.model_dump(mode="json"))
+        print_json(stored.model_dump(mode="json"))
     else:
-        _print(found)
+        _print(stored)
 
 
 @retention.command("run")
@@ -79,13 +79,13 @@ def run(context: click.Context, dry_run: bool, data_dir: Path | None, as_json: b
         print_line(f"purge {row.id}: {row.n_windows} windows let go, {row.freed_bytes / 1e9:.3f} GB freed")
 
 
-def _print(found: RetentionOut) -> None:
-    print_line(found.rule.sentence)
-    rows = [(str(kept.why), str(kept.windows), f"{kept.bytes / 1e9:.3f}") for kept in found.kept]
-    rows.append(("to be let go", str(found.to_let_go.windows), f"{found.to_let_go.bytes / 1e9:.3f}"))
-    print_table(f"{found.bytes / 1e9:.3f} GB in {found.files} files", ("kept because", "windows", "GB"), rows)
+def _print(stored: RetentionOut) -> None:
+    print_line(stored.rule.sentence)
+    rows = [(str(kept.why), str(kept.windows), f"{kept.bytes / 1e9:.3f}") for kept in stored.kept]
+    rows.append(("to be let go", str(stored.to_let_go.windows), f"{stored.to_let_go.bytes / 1e9:.3f}"))
+    print_table(f"{stored.bytes / 1e9:.3f} GB in {stored.files} files", ("kept because", "windows", "GB"), rows)
     paces = [
         (pace.axis, f"{pace.days:.1f}", "—" if pace.gb_per_year is None else f"{pace.gb_per_year:.2f}")
-        for pace in found.axes
+        for pace in stored.axes
     ]
-    print_table(f"{found.gb_per_year:.2f} GB a year at this pace", ("axis", "days counted", "GB a year"), paces)
+    print_table(f"{stored.gb_per_year:.2f} GB a year at this pace", ("axis", "days counted", "GB a year"), paces)

@@ -71,8 +71,8 @@ def keep_freed_memory() -> None:
 def bound_socket(host: str, port: int) -> socket.socket:
     """Bind the port before anything is opened: a port in use gives one sentence, a free port (0) its number."""
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
-        family, kind, protocol, _, address = found
+        first_address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+        family, kind, protocol, _, address = first_address
         # asyncio switches Nagle's delay (40 ms an answer) off only for sockets that say that they are TCP
         listening = socket.socket(family, kind, protocol)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

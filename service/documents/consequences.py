@@ -104,19 +104,19 @@ def of_windows(before: int, after: int) -> Consequence:
     return Consequence("windows_per_measurement", Kind.ESTIMATED, Said(text, values))
 
 
-def of_band(found: InBand) -> Iterator[Consequence]:
+def of_band(in_band: InBand) -> Iterator[Consequence]:
     """Say how many of the newest measurements a search band would have missed."""
-    if found.n_looked_at:
+    if in_band.n_looked_at:
         text = N_(
             "%(n)s of the last %(looked)s frequencies lie outside %(low)s to %(high)s Hz: measurements like these are "
             "refused."
         )
         values: dict[str, Value] = {
-            "n": found.n_outside, "looked": found.n_looked_at,
-            "low": Stated(found.low_hz), "high": Stated(found.high_hz),
+            "n": in_band.n_outside, "looked": in_band.n_looked_at,
+            "low": Stated(in_band.low_hz), "high": Stated(in_band.high_hz),
         }  # fmt: skip
         yield Consequence("search_band_hz", Kind.COUNTED, Said(text, values))
-    if found.calibrated:
+    if in_band.calibrated:
         text = N_("As long as a calibration is in force, it says where the mode is looked for, not this band.")
         yield Consequence("search_band_hz", Kind.RULE, Said(text))
 

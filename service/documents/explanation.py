@@ -38,7 +38,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
     unfinished = explanation.unfinished
     return finite_or_null({
         "outcome": explanation.outcome,
-        "effects": [_effect(found) for found in explanation.effects],
+        "effects": [_effect(effect) for effect in explanation.effects],
         "localisation": [_misfit(misfit) for misfit in explanation.localisation],
         "remainder": [_misfit(misfit) for misfit in explanation.remainder],
         "gap": asdict(explanation.gap),
@@ -52,7 +52,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         "candidates": [_candidate(candidate) for candidate in explanation.candidates],
         **members(explanation, "least_delta_bic", "pulls", "pulls_before"),
         "maps": [_map(shown) for shown in explanation.maps],
-        "described": [_described(found) for found in explanation.described],
+        "described": [_described(description) for description in explanation.described],
         "hidden_in_remainder": explanation.hidden_in_remainder,
         "records": [_record(record) for record in explanation.records],
         "taken_as": list(assumption_sentences(explanation)),

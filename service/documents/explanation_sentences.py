@@ -165,16 +165,16 @@ def remarks(effect: FoundEffect, wording: Wording) -> Iterator[str]:
     """Yield what goes with a found effect: the same finding under other keys, and why it may stand in for another."""
     for key in effect.aliases:
         yield f"the same finding as {wording.effect(key)}"
-    for name, found in effect.parameters.items():
-        if not found.plausible:
-            value = f"{wording.parameter(name)} = {_value(found)}"
+    for name, parameter in effect.parameters.items():
+        if not parameter.plausible:
+            value = f"{wording.parameter(name)} = {_value(parameter)}"
             yield f"a stand-in for something else: {value} is beyond its plausible range"
     if effect.stands_in_for:
         other = wording.effect(effect.stands_in_for)
         yield f"a stand-in for something else: {other} would explain more, which such data cannot tell"
-    for name, found in effect.parameters.items():
-        if found.at_end:
-            yield f"{wording.parameter(name)} = {_value(found)} is at an end of the range that is searched"
+    for name, parameter in effect.parameters.items():
+        if parameter.at_end:
+            yield f"{wording.parameter(name)} = {_value(parameter)} is at an end of the range that is searched"
     if effect.wanders_between is not None:
         lowest, highest = effect.wanders_between
         yield (
@@ -186,8 +186,8 @@ def remarks(effect: FoundEffect, wording: Wording) -> Iterator[str]:
         yield f"{unit.quantity} not in {unit.stated}: what is recorded is {unit.factor:.3g} times what is stated{units}"
 
 
-def _value(found: FoundParameter) -> str:
-    return _with_unit(found.estimate.value, found.unit)
+def _value(parameter: FoundParameter) -> str:
+    return _with_unit(parameter.estimate.value, parameter.unit)
 
 
 def _with_unit(value: float, unit: str) -> str:

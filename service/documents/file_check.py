@@ -18,18 +18,18 @@ _MOST_VALUES: Final = 500
 
 
 def file_check_document(
-    found: FileReport, problems: tuple[str, ...], *, lacks: str, proposal: MapProposal | None
+    report: FileReport, problems: tuple[str, ...], *, lacks: str, proposal: MapProposal | None
 ) -> JsonObject:
     """Lay it out; ``lacks``: what a calibration from it would need; ``proposal``: a channel map, to fill in."""
-    kind = KINDS.get(found.format)
+    kind = KINDS.get(report.format)
     return {
-        "format": found.format,
-        "kind": found.format if kind is None else kind.what,
-        "valid": found.valid and not problems,
+        "format": report.format,
+        "kind": report.format if kind is None else kind.what,
+        "valid": report.valid and not problems,
         "problems": list(problems),
-        "doubts": list(found.doubts),
-        "contents": {name: json_fact(value, _MOST_VALUES) for name, value in found.contents},
-        "channels": [_channel(channel) for channel in found.channels[:_MOST_CHANNELS]],
+        "doubts": list(report.doubts),
+        "contents": {name: json_fact(value, _MOST_VALUES) for name, value in report.contents},
+        "channels": [_channel(channel) for channel in report.channels[:_MOST_CHANNELS]],
         "lacks_for_calibration": lacks or None,
         "map": None if proposal is None else proposal.toml(),
         "map_form": None if proposal is None else [asdict(table) for table in map_fields(proposal)],

@@ -21,22 +21,22 @@ from service.json_types import JsonObject
 OBJECTIVES = {"weighted": Weighting.UNCERTAINTY, "eq-26": Weighting.UNIT}
 
 
-def identification_document(found: IdentifiedJoints) -> JsonObject:
+def identification_document(identified: IdentifiedJoints) -> JsonObject:
     """Lay out joints, verdicts and advice; a number that is not known is ``null``."""
     return finite_or_null({
-        "parameters": {name: _parameter(joint) for name, joint in found.joints.items()},
-        "identifiable": {name: joint.identifiable for name, joint in found.joints.items()},
-        "not_identifiable": found.not_identifiable,
-        "sums": [_sum(known) for known in found.sums],
-        "correlations": {"names": list(found.joints), "matrix": found.correlations},
-        "objective": _objective(found.quality),
-        "held_out": None if found.held_out is None else _held_out(found.held_out),
-        "missing_modes": found.missing_modes,
-        "next_positions": [_further(there) for there in found.next_positions],
-        "taken_as": found.assumptions,
-        "modes_to_monitor": [_mode_to_monitor(mode) for mode in found.modes_to_monitor],
-        "calibration": None if found.calibration is None else calibration_document(found.calibration),
-        "model": model_file_text(found.model),
+        "parameters": {name: _parameter(joint) for name, joint in identified.joints.items()},
+        "identifiable": {name: joint.identifiable for name, joint in identified.joints.items()},
+        "not_identifiable": identified.not_identifiable,
+        "sums": [_sum(known) for known in identified.sums],
+        "correlations": {"names": list(identified.joints), "matrix": identified.correlations},
+        "objective": _objective(identified.quality),
+        "held_out": None if identified.held_out is None else _held_out(identified.held_out),
+        "missing_modes": identified.missing_modes,
+        "next_positions": [_further(there) for there in identified.next_positions],
+        "taken_as": identified.assumptions,
+        "modes_to_monitor": [_mode_to_monitor(mode) for mode in identified.modes_to_monitor],
+        "calibration": None if identified.calibration is None else calibration_document(identified.calibration),
+        "model": model_file_text(identified.model),
     })  # fmt: skip
 
 

@@ -1,9 +1,13 @@
 """Forward windows from an MQTT broker to the service; each is acknowledged when it is on disk."""
 
 import logging
+import queue
 import threading
 from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -19,20 +23,20 @@ from service.operations.notices.receivers import Broker, Name, whom_to_believe
 from service.operations.notices.senders import NotTakenError
 
 if TYPE_CHECKING:
-    from paho.mqtt.client import Client, ConnectFlags, MQTTMessage
+    from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
     from paho.mqtt.properties import Properties
     from paho.mqtt.reasoncodes import ReasonCode
 
 log = logging.getLogger(__name__)
 
-#: The broker sends so many messages before the first of them is acknowledged. Each may hold many windows.
-RECEIVE_MAXIMUM = 16
+#: The broker sends so many messages before the first of them is acknowledged. Each may hold many windows, in memory.
+RECEIVE_MAXIMUM = 4
 #: MQTT itself has no longer packets. What is too long for the service is taken, so that the sender is told.
 MOST_BYTES = 2**28 - 1
 #: So long a broker that keeps sessions keeps what comes while the gateway is away [s].
 SESSION_EXPIRY_S = 7 * 24 * 3600
-#: The service has so long to store a message, beside the time that sending it takes; a connection to the broker that is
-#: silent for longer than that is lost.
+#: The service has so long to store a message, beside the time that sending it takes. A connection to the broker that is
+#: silent for so long is asked whether it is still there, also while the service is at work, and lost if it is not.
 TIMEOUT_S, KEEPALIVE_S = 60.0, 120
 #: And may answer with so much: some hundred bytes for each window of a message.
 MOST_OF_ANSWER = 2**24
@@ -65,8 +69,9 @@ class _Taken:
 class WindowsGateway:
     """Takes each message to ``POST /v1/axes/{axis}/windows``, one after the other, in one thread.
 
-    Whatever fails on the way, the message is not acknowledged: the connection is closed, and in the next one the
-    broker sends it again. The service recognises windows that it has.
+    Another thread, the library's, speaks with the broker meanwhile, and says here what came. Whatever fails on the way,
+    the message is not acknowledged: the connection is closed, and in the next one the broker sends it again. The
+    service recognises windows that it has.
     """
 
     def __init__(self, broker: Broker, url: str, key: str | None, ca_file: str | None = None) -> None:
@@ -77,8 +82,10 @@ class WindowsGateway:
         self._client = client = new_client(broker, name, keeps_session=True, most_bytes=MOST_BYTES)
         client.on_connect = self._connected
         client.on_subscribe = self._subscribed
-        client.on_message = self._take
-        client.on_publish = self._answer_was_taken
+        client.on_message = lambda _client, _, message: self._events.put(partial(self._take, message))
+        client.on_publish = lambda _client, _, *said: self._events.put(partial(self._answer_was_taken, *said))
+        client.on_disconnect = self._lost
+        self._events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._problem: str | None = None  # why this connection is of no use any more
         self._has_taken = False  # anything, in this connection
         self._waiting: deque[_Taken] = deque()  # in their order, in which they must be acknowledged
@@ -99,10 +106,12 @@ class WindowsGateway:
 
     def _serve(self, stopping: threading.Event) -> str | None:
         """Take windows in one connection, and return why it ended if nobody asked for it."""
-        client, self._problem = self._client, None
+        self._problem, self._events = None, queue.SimpleQueue()
+        self._waiting.clear()  # the broker numbers them anew
+        self._answers.clear()
         try:
             begin(
-                client,
+                self._client,
                 self._broker,
                 KEEPALIVE_S,
                 session_expiry_s=SESSION_EXPIRY_S,
@@ -110,18 +119,19 @@ class WindowsGateway:
             )
         except NotTakenError as error:
             return f"broker: {error}"
+        self._client.loop_start()
         while self._problem is None and not stopping.is_set():
-            if outcome := client.loop(timeout=0.5):
-                return self._problem or f"the connection to the broker was lost ({outcome.name})"
-        client.disconnect()
-        return self._problem
+            with suppress(queue.Empty):
+                self._events.get(timeout=0.5)()
+        problem = self._problem
+        self._client.disconnect()
+        self._client.loop_stop()
+        return problem
 
     def _connected(
         self, client: "Client", _: object, flags: "ConnectFlags", reason: "ReasonCode", properties: "Properties | None"
     ) -> None:
         del flags, properties
-        self._waiting.clear()  # the broker numbers them anew
-        self._answers.clear()
         if reason.is_failure:
             self._problem = f"the broker refused the connection: {reason}"
         else:
@@ -136,9 +146,18 @@ class WindowsGateway:
         else:
             log.info("windows are taken from %s", self._broker.axis_topic("+", "windows"))
 
-    def _take(self, client: "Client", _: object, message: "MQTTMessage") -> None:
-        if self._problem is not None:
-            return
+    def _lost(
+        self,
+        client: "Client",
+        _: object,
+        flags: "DisconnectFlags",
+        reason: "ReasonCode",
+        properties: "Properties | None",
+    ) -> None:
+        del client, flags, properties
+        self._problem = self._problem or f"the connection to the broker was lost ({reason})"
+
+    def _take(self, message: "MQTTMessage") -> None:
         axis = message.topic.removeprefix(f"{self._broker.root}/axes/").removesuffix("/windows")
         try:
             answer = self._post(axis, message)
@@ -153,14 +172,12 @@ class WindowsGateway:
         if reply is None:
             taken.is_done = True
         else:
-            number = client.publish(reply.topic, reply.payload, 1, properties=reply.properties(self._broker)).mid
+            number = self._client.publish(reply.topic, reply.payload, 1, properties=reply.properties(self._broker)).mid
             self._answers[number] = taken
         self._acknowledge()
 
-    def _answer_was_taken(
-        self, client: "Client", _: object, number: int, reason: "ReasonCode", properties: "Properties | None"
-    ) -> None:
-        del client, properties
+    def _answer_was_taken(self, number: int, reason: "ReasonCode", properties: "Properties | None") -> None:
+        del properties
         if reason.is_failure:
             log.warning("the broker refused an answer: %s", reason)
         if (taken := self._answers.pop(number, None)) is not None:

@@ -4,7 +4,9 @@ A page that asks for anything from outside, or writes an error to its console, f
 ``served`` (every state, only read), ``fresh_service`` (a copy of it to change) and ``visit``.
 """
 
+import fcntl
 import itertools
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -70,9 +72,15 @@ def browser(playwright: Playwright) -> Iterator[Browser]:
 
 @pytest.fixture(scope="session")
 def states(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make a data folder with an axis in every state; nobody writes into it."""
-    folder = tmp_path_factory.mktemp("states") / "var"
-    build(folder)
+    """Make a data folder with an axis in every state, once for all workers; nobody writes into it."""
+    own = tmp_path_factory.getbasetemp()
+    of_all = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+    folder = of_all / "states"
+    with (of_all / "states.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # whoever comes meanwhile waits until it is made
+        if not folder.exists():
+            build(made := tmp_path_factory.mktemp("states") / "var")
+            made.rename(folder)
     return folder
 
 

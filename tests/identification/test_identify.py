@@ -28,7 +28,7 @@ JOINTS = tian.free(AXIS)
 BOUNDS = JOINTS.bounds(tian.LIMITS)
 EVERYWHERE = tian.measured(*tian.POSITIONS)
 HELD_OUT = (0.8, 1.3, 1.9)
-FEW_STARTS = SearchSettings(n_populations=2, candidates_per_coordinate=8, n_generations=40, n_random_starts=4)
+FEW_STARTS = SearchSettings(n_populations=2, candidates_per_coordinate=8, n_generations=20, n_random_starts=2)
 ONE_START = SearchSettings(n_populations=0, n_random_starts=1)
 #: 170 lines from 8 to 1000 Hz and noise of 5 % of |H|: a short hammer test.
 LINES = np.concatenate([np.linspace(8, 60, 30), np.linspace(61, 200, 40), np.linspace(202, 1000, 100)])

@@ -10,9 +10,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +29,8 @@ from service.cli.main import main
 from service.cli.remote.client import window_document
 from service.clock import now
 from service.errors import StorageError
-from service.gateways.mqtt_windows import MqttSettings
+from service.gateways import mqtt_windows
+from service.gateways.mqtt_windows import MqttSettings, WindowsGateway
 from service.observability import Metrics
 from service.operations.access.scopes import Scope
 from service.operations.monitoring.trend import Trend
@@ -444,6 +447,47 @@ def test_what_is_refused_holds_nothing_up(broker: BrokerProcess, api: Api, start
         (400, "unreadable-body"),
     ]
     client.close()
+
+
+def slow_service(begun: list[float], takes_s: float) -> type[BaseHTTPRequestHandler]:
+    """Return a service that takes its time for each body, and then has stored it."""
+
+    class Slow(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            begun.append(time.monotonic())
+            self.rfile.read(int(self.headers["content-length"]))
+            time.sleep(takes_s)
+            self.send_response(201)
+            self.send_header("content-length", "0")
+            self.end_headers()
+
+    return Slow
+
+
+@pytest.mark.release
+@needs_mosquitto  # amqtt lets a silent client be
+def test_the_broker_is_answered_while_the_service_is_at_work(
+    mosquitto: BrokerProcess, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Else it takes the gateway for gone, and sends again what is on its way to the disk."""
+    monkeypatch.setattr(mqtt_windows, "KEEPALIVE_S", 1)
+    caplog.set_level("INFO")
+    begun, stopping = list[float](), threading.Event()
+    slow = slow_service(begun, 8.0)  # mosquitto looks every five seconds who is silent
+    with ThreadingHTTPServer(("127.0.0.1", 0), slow) as server, ThreadPoolExecutor(2) as threads:
+        threads.submit(server.serve_forever)
+        gateway = WindowsGateway(mosquitto.settings(), f"http://127.0.0.1:{server.server_address[1]}", None)
+        ended = threads.submit(gateway.run, stopping)
+        wait_until(lambda: "windows are taken" in caplog.text, what="the subscription")
+        client = Client(mosquitto)
+        client.publish("preload/plant/axes/axis/windows", packed(measurement(1)))
+        client.publish("preload/plant/axes/axis/windows", packed(measurement(1)))
+        wait_until(lambda: len(begun) == 2, what="the second message")
+        stopping.set()
+        ended.result()
+        server.shutdown()
+        client.close()
+    assert "connection to the broker was lost" not in caplog.text
 
 
 def test_a_key_is_needed_where_the_service_asks_for_one(

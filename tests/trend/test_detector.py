@@ -68,7 +68,7 @@ def watching():
 KINDS_OF_DAYS = ("independent", "AR(1) 0.5", "shop", "5 a day", "lubrication, 1 down, torque")
 
 
-@pytest.mark.parametrize(("row", "n_axes"), canary([("independent", 15), *((row, 60) for row in KINDS_OF_DAYS)]))
+@pytest.mark.parametrize(("row", "n_axes"), canary([("independent", 6), *((row, 60) for row in KINDS_OF_DAYS)]))
 def test_healthy_axes_have_the_stated_rate_of_false_alarms_however_their_days_depend_on_each_other(row, n_axes):
     """The benchmark of this name draws 300 axes in each of its rows."""
     found = [alarms_of(row, 11, axis)[0] for axis in range(n_axes)]

@@ -127,21 +127,21 @@ def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> F
             return balance.rows(last.logarithms + step)
         if step is not None and nearest is None:
             nearest = last.logarithms + step
-    found = None
+    balanced = None
     if before:
         with contextlib.suppress(OutsideValidityError):
-            found = balance.sought_from(before[0].logarithms if nearest is None else nearest, longest=_NEXT)
-    if found is None:
+            balanced = balance.sought_from(before[0].logarithms if nearest is None else nearest, longest=_NEXT)
+    if balanced is None:
         if friction and not cubic:
             _require_sliding(motion, friction)
-        found = balance.sought_from(balance.linear())
-    if found is None:
+        balanced = balance.sought_from(balance.linear())
+    if balanced is None:
         raise OutsideValidityError(
             f"no motion of the axis agrees with its own linearisation (guide_friction {friction:g} N, "
             f"cubic_nut_stiffness {cubic:g} 1/m²); lower one of them"
         )
-    known[kind] = (found, *before[: _KEPT - 1])
-    return found.rows
+    known[kind] = (balanced, *before[: _KEPT - 1])
+    return balanced.rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)

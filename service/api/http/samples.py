@@ -116,14 +116,14 @@ def _gathered(parts: Callable[[], Iterable[list[Any]]], count: int, room: int | 
     """
     _require_few(count)
     small, single = room is not None and 8 * count > room, True
-    found: list[SampleArray] = []
+    arrays: list[SampleArray] = []
     for part in parts():
         values = _checked(part)
         with np.errstate(over="ignore"):
             narrowed = values.astype(np.float32)
         single = small or (single and np.array_equal(narrowed, values))
-        found.append(narrowed if small else values)
-    together = np.concatenate(found)
+        arrays.append(narrowed if small else values)
+    together = np.concatenate(arrays)
     samples: SampleArray = (
         together.astype(np.float32, copy=False) if single else together.astype(np.float64, copy=False)
     )

@@ -25,14 +25,16 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
     for done, path in enumerate(read):
         report(Progress(done, len(paths)))
         try:
-            found = check_file(path)
+            file_report = check_file(path)
         except MissingReaderError as error:
             return unreadable(path.name, str(error))
-        problems += found.problems
+        problems += file_report.problems
         if first is None:
-            first = found
-        elif found.format != first.format:
-            problems.append(f"{path.name}: expected {KINDS[first.format].what} as the first file; got {found.format}")
+            first = file_report
+        elif file_report.format != first.format:
+            problems.append(
+                f"{path.name}: expected {KINDS[first.format].what} as the first file; got {file_report.format}"
+            )
     if first is None:
         return unreadable("", "expected a file; got none")
     if first.format == SESSION and len(paths) > 1:
@@ -50,13 +52,13 @@ def unreadable(name: str, problem: str) -> JsonObject:
     return file_check_document(FileReport(UNKNOWN, False, (problem or name,)), (problem,), lacks="", proposal=None)
 
 
-def _not_windows(name: str, found: FileReport) -> list[str]:
+def _not_windows(name: str, report: FileReport) -> list[str]:
     """Refuse files that are valid and hold no windows, in a sentence."""
-    if not found.valid or found.format == SESSION:
+    if not report.valid or report.format == SESSION:
         return []
-    if found.usable_with_map and found.read is not None and made_of(found.read.channels) is Made.SESSION:
+    if report.usable_with_map and report.read is not None and made_of(report.read.channels) is Made.SESSION:
         return []
     return [
         f"{name}: expected a session, or a raw file with torque or force and acceleration over time; got "
-        f"{KINDS[found.format].what}, which has no windows"
+        f"{KINDS[report.format].what}, which has no windows"
     ]

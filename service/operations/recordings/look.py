@@ -195,10 +195,10 @@ class _Seen:
 
     def add(self, window: Window) -> None:
         """Note the channels of a window."""
-        found = {"excitation": EXCITATION_UNIT[window.excitation_quantity], "response": RESPONSE_UNIT}
+        units = {"excitation": EXCITATION_UNIT[window.excitation_quantity], "response": RESPONSE_UNIT}
         if window.position_trace is not None:
-            found["position"] = "m"
-        for name, unit in found.items():
+            units["position"] = "m"
+        for name, unit in units.items():
             key = (name, unit, window.sample_rate)
             self._n_samples[key] += window.n_samples
             self._first.setdefault(key, window.started_at)

@@ -258,10 +258,10 @@ class Recordings:
 
         try:
             with reading(Reporting(partial(checked, paths, job.axis_id)), paths[0].name) as process:
-                found = cast(JsonObject, process.answer(report, Progress(0, len(paths))))
+                contents = cast(JsonObject, process.answer(report, Progress(0, len(paths))))
         except (RecordingFormatError, MissingReaderError) as error:
-            found = unreadable(paths[0].name, str(error))
-        job.report(len(paths), len(paths), found)
+            contents = unreadable(paths[0].name, str(error))
+        job.report(len(paths), len(paths), contents)
 
     def run(self, job: JobHandle) -> None:
         """Import the windows of a recording from where the job was interrupted, as a replay does."""
