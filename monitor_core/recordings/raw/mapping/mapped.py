@@ -166,7 +166,7 @@ def _times(
     taken: dict[tuple[object, ...], tuple[ChannelTime, tuple[str, ...]]] = {}
     times, all_remarks = list[ChannelTime](), dict[str, None]()
     if channel_map.sample_rate is not None:
-        _require_no_leap(channels, signals[0].samples.size)
+        _require_no_leap(channels, signals[0])
     for signal, source in zip(signals, sources, strict=True):
         in_file = signal.time.in_runs(signal.samples.size)
         stated: dict[str, ChannelTime] = {}
@@ -198,10 +198,13 @@ def _times(
     return times, tuple(all_remarks)
 
 
-def _require_no_leap(channels: Channels, n_samples: int) -> None:
-    """Refuse a rate for all samples where a channel numbers them and leaps: some are missing there."""
+def _require_no_leap(channels: Channels, signal: Channel) -> None:
+    """Refuse a rate for all samples where a channel numbers them and leaps where the file shows no break."""
+    breaks = np.cumsum([run.n_samples for run in signal.time.runs], dtype=np.int64)[:-1] - 1
     for channel in channels.channels:
-        steps = np.diff(channel.samples) if channel.samples.shape == (n_samples,) else np.empty(0)
+        steps = np.diff(channel.samples) if channel.shape == signal.shape and len(signal.shape) == 1 else np.empty(0)
+        if steps.size:
+            steps[breaks] = 1.0  # counted there
         if steps.size and steps.min() == 1.0 and steps.max() > 1.0 and np.mean(steps == 1.0) > _NUMBERED:
             at = int(np.argmax(steps))
             raise RecordingFormatError(
