@@ -172,7 +172,7 @@ def names_other_unit(name: str) -> bool:
 def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
     """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
     for kind in (kind_of_name(name), kind_of_unit(unit or unit_in_name(name))):
-        rises = samples.ndim == 1 and bool(np.all(np.diff(samples) > 0.0))
+        rises = samples.ndim == 1 and bool(np.all(samples[1:] > samples[:-1]))
         if kind is ChannelKind.FREQUENCY and (not rises or _says_other(name)):
             continue  # that of a drive, which goes up and down; lines of a spectrum rise
         if kind is not None:

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
-from itertools import islice
+from itertools import chain, islice
 from types import MappingProxyType
 from typing import cast
 
@@ -126,7 +126,7 @@ class Channel:
     def varies(self) -> bool:
         """Whether it is not one value throughout; all of it is read where its beginning is one."""
         first = self.head.flat[0]
-        return bool(np.ptp(self.head) != 0.0) or any(bool(np.any(piece != first)) for piece in self.pieces())
+        return any(bool(np.any(piece != first)) for piece in chain((self.head,), self.pieces()))
 
     def pieces(self) -> Iterator[SampleArray]:
         """Yield the samples from the first to the last, shape (n,) each; those in the file are not kept."""

@@ -38,7 +38,7 @@ class Part:
     @property
     def varies(self) -> bool:
         """Whether it is not one value throughout."""
-        return self.channel.varies if self.entry is None else bool(np.ptp(self.head) != 0.0)
+        return self.channel.varies if self.entry is None else bool(np.any(self.head != self.head.flat[0]))
 
     @property
     def unit(self) -> str | None:
