@@ -178,7 +178,7 @@ def _shortened(columns: Columns) -> Columns:
     shortened = dict[str, Sequence[Any]]()
     for column in _COLUMNS:
         values = columns[column.name]
-        if len(values) > 1 and values.count(values[0]) == len(values):
+        if len(values) > 1 and values[0] == values[-1] and values.count(values[0]) == len(values):
             values = values[:1]
         shortened[column.name] = rounded(values) if column.type is float else values
     return shortened

@@ -321,13 +321,10 @@ class Trend:
         self, axis_id: str, span: Span, *, cursor: str | None, limit: int, newest_first: bool
     ) -> TrendPage[ToldColumns]:
         """Return measurements as :meth:`page` does, as columns."""
-        asked = PageOf(span, limit + 1, None if cursor is None else _decode_cursor(cursor), newest_first)
+        asked = PageOf(span, limit, None if cursor is None else _decode_cursor(cursor), newest_first)
         with self._opened(axis_id) as on:
-            columns = page_of_columns(on.connection, on.number, asked)
-        following = None
-        if len(columns.at_us) > limit:
-            columns = ToldColumns._make(column[:limit] for column in columns)
-            following = _encode_cursor(columns.at_us[-1], columns.measurement_id[-1])
+            columns, goes_on = page_of_columns(on.connection, on.number, asked)
+        following = _encode_cursor(columns.at_us[-1], columns.measurement_id[-1]) if goes_on else None
         return TrendPage(columns, following, on.revision, on.stale)
 
     def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage[list[ShownPoint]]:

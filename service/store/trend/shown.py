@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import lru_cache
 from operator import attrgetter
@@ -135,9 +135,10 @@ def page_of_points(connection: Connection, axis_number: int, asked: PageOf) -> l
     return list(map(ShownPoint._make, _rows(connection, axis_number, asked, ShownPoint._fields)))
 
 
-def page_of_columns(connection: Connection, axis_number: int, asked: PageOf) -> ToldColumns:
-    """Return a page of the trend as columns."""
-    return ToldColumns._of_rows(_rows(connection, axis_number, asked, ToldColumns._fields))
+def page_of_columns(connection: Connection, axis_number: int, asked: PageOf) -> tuple[ToldColumns, bool]:
+    """Return a page of the trend as columns, and whether there is more beyond it."""
+    rows = _rows(connection, axis_number, replace(asked, limit=asked.limit + 1), ToldColumns._fields)
+    return ToldColumns._of_rows(rows[: asked.limit]), len(rows) > asked.limit
 
 
 def points_at(connection: Connection, axis_number: int, moments: Iterable[int]) -> list[ShownPoint]:
