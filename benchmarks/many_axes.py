@@ -101,7 +101,7 @@ class Reader:
         dear = (DEAR.format(10_000 + n) for n in cycle(range(9_000)))
         patience = 1.0 if self.leaves else 60.0
         with httpx.Client(base_url=f"http://127.0.0.1:{self.port}", trust_env=False, timeout=patience) as http:
-            while not self.stop.wait(1.0):
+            while not self.stop.wait(4.0 if self.leaves else 1.0):
                 try:
                     status = str(http.get(next(dear if self.leaves else paths)).status_code)
                 except httpx.TransportError as error:
@@ -122,7 +122,9 @@ class Sender:
     def run(self) -> None:
         """Post everything, each at its time."""
         began, step = time.monotonic(), 60.0 / len(self.axes)
-        with httpx.Client(base_url=f"http://127.0.0.1:{self.port}", trust_env=False, timeout=60.0) as http:
+        # no connection waits for its next request longer than the service keeps it
+        once = httpx.Limits(max_keepalive_connections=0)
+        with httpx.Client(base_url=f"http://127.0.0.1:{self.port}", trust_env=False, timeout=60.0, limits=once) as http:
             for k in range(len(self.bodies) * len(self.axes)):
                 time.sleep(max(0.0, began + k * step - time.monotonic()))
                 minute, i = divmod(k, len(self.axes))

@@ -4,6 +4,7 @@
 """
 
 import json
+import math
 import sqlite3
 import tarfile
 from contextlib import closing
@@ -42,12 +43,18 @@ def newest(tmp_path: Path) -> Path:
     return extracted("924dedb", tmp_path)
 
 
-def differences(expected: Any, got: Any, place: str = "") -> list[str]:
-    """Name what an older program said and this one says otherwise; it may say more."""
+def differences(expected: Any, got: Any, place: str = "", within: float = 0.0) -> list[str]:
+    """Name what an older program said and this one says otherwise, by more than a share; it may say more."""
     if isinstance(expected, dict) and isinstance(got, dict):
-        return [each for key, value in expected.items() for each in differences(value, got.get(key), f"{place}/{key}")]
+        return [
+            each
+            for key, value in expected.items()
+            for each in differences(value, got.get(key), f"{place}/{key}", within)
+        ]
     if isinstance(expected, list) and isinstance(got, list) and len(expected) == len(got):
-        return differences(dict(enumerate(expected)), dict(enumerate(got)), place)
+        return differences(dict(enumerate(expected)), dict(enumerate(got)), place, within)
+    if isinstance(expected, float) and isinstance(got, float) and math.isclose(expected, got, rel_tol=within):
+        return []
     return [] if _plain(expected) == _plain(got) else [f"{place}: {expected!r} is {got!r} now"]
 
 
