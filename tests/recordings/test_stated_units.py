@@ -8,12 +8,14 @@ from functools import partial
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.elements.units import response_factor, unit_of
 from monitor_core.recordings.raw.channels import FrequencyResponse
+from monitor_core.recordings.raw.mapping.counts import unwrapped
 from monitor_core.recordings.raw.mapping.imported import import_motion
 from monitor_core.recordings.raw.mapping.imported_frf import import_frf_set
 from monitor_core.recordings.raw.mapping.map_records import MappedChannel
@@ -233,3 +235,12 @@ def test_counts_that_wrap_are_unwrapped_where_the_map_says_where_and_refused_els
     np.testing.assert_array_equal(plain, TRAVEL)
     stepped = np.where(np.arange(2000) < 700, 0.0, 0.2)
     np.testing.assert_array_equal(motion(tmp_path, stepped, 'unit = "m"'), stepped)
+
+
+def test_a_vibration_is_no_count_that_wraps() -> None:
+    rng, source = np.random.default_rng(3), MappedChannel("a", "m/s2", 1.0, float)
+    for number in range(1000):
+        noise = rng.standard_normal(int(rng.choice([256, 1024, 4096])))
+        pole = 0.98 * np.exp(1j * rng.uniform(0.1, 3.0)) if number % 2 else 0.0
+        vibration = scipy.signal.lfilter([1.0], np.poly([pole, np.conj(pole)]).real, noise)
+        assert unwrapped(vibration, source, "a") is vibration
