@@ -239,8 +239,7 @@ def test_counts_that_wrap_are_unwrapped_where_the_map_says_where_and_refused_els
 
 def test_a_vibration_is_no_count_that_wraps() -> None:
     rng, source = np.random.default_rng(3), MappedChannel("a", "m/s2", 1.0, float)
-    for number in range(1000):
-        noise = rng.standard_normal(int(rng.choice([256, 1024, 4096])))
-        pole = 0.98 * np.exp(1j * rng.uniform(0.1, 3.0)) if number % 2 else 0.0
-        vibration = scipy.signal.lfilter([1.0], np.poly([pole, np.conj(pole)]).real, noise)
+    for _ in range(2000):
+        noise = rng.standard_normal(256)
+        vibration = scipy.signal.lfilter(*scipy.signal.butter(2, rng.uniform(0.05, 0.9)), noise)
         assert unwrapped(vibration, source, "a") is vibration
