@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import datetime
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import delete, func, literal_column, select
 from sqlalchemy.orm import Session
 
 from service.store.lookup import existing
@@ -76,7 +76,8 @@ def note_login(session: Session, name: str, host: str, at: datetime) -> None:
 
 def logged_in_since(session: Session, name: str, host: str, at: datetime) -> bool:
     """Return whether a user has logged in from a host after a moment, as the log says."""
-    logins = select(AuditRow.id).where(AuditRow.action == _LOG_IN, AuditRow.target == _from(host))
+    is_login = literal_column(f"'{_LOG_IN}'") == AuditRow.action  # as the condition of their index says it
+    logins = select(AuditRow.id).where(is_login, AuditRow.target == _from(host))
     return session.scalar(logins.where(AuditRow.who == f"user {name}", AuditRow.at > at).limit(1)) is not None
 
 

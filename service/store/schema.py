@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from sqlalchemy import Connection, column, insert, inspect, select, table, text, update
+from sqlalchemy import Connection, Table, column, insert, inspect, select, table, text, update
 from sqlalchemy.schema import CreateIndex
 
 from service.errors import DataFolderError
-from service.store.tables import Base, MeasurementRow, VersionRow, WindowRow
+from service.store.tables import AlarmRow, AuditRow, Base, MeasurementRow, VersionRow, WindowRow
 from service.store.trend import epochs, rollups, sessions  # noqa: F401 - their tables belong to the schema
 
 #: When the last window of a measurement began, as far as an older program kept it: not what a wrong clock says.
@@ -15,9 +15,18 @@ _FILL_ENDS = """UPDATE measurements SET ended_at =
 WHERE windows.measurement_id = measurements.id AND COALESCE(windows.refusal_reason, '') <> 'clock-ahead')"""
 
 
+def _make_index(connection: Connection, of: Table, name: str) -> None:
+    _state_conditions(connection.dialect.name)
+    connection.execute(CreateIndex(next(index for index in of.indexes if index.name == name)))
+
+
 def _repeat_names(connection: Connection) -> None:
     """Let an axis have several measurements of one name, which their starts tell apart."""
-    measurements, windows = (row.metadata.tables[row.__tablename__] for row in (MeasurementRow, WindowRow))
+    measurements, windows, alarms, audit_log = (
+        row.metadata.tables[row.__tablename__] for row in (MeasurementRow, WindowRow, AlarmRow, AuditRow)
+    )
+    _make_index(connection, alarms, "ix_alarms_measurement_id")  # else all alarms are passed for each measurement
+    _make_index(connection, audit_log, "ix_audit_log_logins")
     new = [windows.c.ended_at, windows.c.position_mm, windows.c.set_preload_n, measurements.c.ended_at]
     for added in new:
         kind = added.type.compile(connection.dialect)
@@ -27,8 +36,7 @@ def _repeat_names(connection: Connection) -> None:
     if connection.dialect.name == "postgresql":
         connection.execute(text("ALTER TABLE measurements ALTER COLUMN ended_at SET NOT NULL"))
         connection.execute(text("ALTER TABLE measurements DROP CONSTRAINT uq_measurements_axis_id_name"))
-        by_name = next(index for index in measurements.indexes if index.name == "ix_measurements_axis_name")
-        connection.execute(CreateIndex(by_name))
+        _make_index(connection, measurements, "ix_measurements_axis_name")
         return
     # SQLite drops a constraint with its table only; what refers to a row of it looks for that at the commit
     connection.execute(text("PRAGMA defer_foreign_keys = ON"))

@@ -309,7 +309,7 @@ class AlarmRow(Base):
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
-    measurement_id: Mapped[int] = mapped_column(ForeignKey("measurements.id"))
+    measurement_id: Mapped[int] = mapped_column(ForeignKey("measurements.id"), index=True)
     kind: Mapped[str] = mapped_column(String(40))
     raised_at: Mapped[datetime]
     epoch: Mapped[int]  # of the charts that raised it
@@ -435,7 +435,10 @@ class AuditRow(Base):
     """One attempt to change something: written before it is tried, and with its answer after."""
 
     __tablename__ = "audit_log"
-    __table_args__ = (Index("ix_audit_log_axis", "axis_id", "id"),)
+    __table_args__ = (
+        Index("ix_audit_log_axis", "axis_id", "id"),
+        _partial_index("ix_audit_log_logins", "who", "target", where="action = 'log in'"),
+    )
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     at: Mapped[datetime]

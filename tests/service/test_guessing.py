@@ -14,9 +14,11 @@ from typing import Any
 import httpx
 import pytest
 from asyncua import Client, Server, ua
+from sqlalchemy import event
 
 from service.api.http import readers
 from service.api.http.limits import LARGEST_LOGIN
+from service.clock import now
 from service.errors import ForbiddenError, StorageError
 from service.gateways import opcua_login
 from service.gateways.opcua_login import OneUser, Sessions
@@ -33,7 +35,7 @@ from service.operations.access.throttle import (
     LoginThrottle,
 )
 from service.operations.monitoring.axes import Axes
-from service.store.access import newest_entry
+from service.store.access import logged_in_since, newest_entry
 from service.store.database import Database
 from service.store.tables import AuditRow
 from tests.service.conftest import CONFIGURATION, free_port
@@ -92,6 +94,17 @@ def test_guesses_from_ever_new_networks_are_slowed_and_do_not_keep_the_owner_out
     behind_proxy.access.forget()
     assert log_in(behind_proxy, OWNER).status_code == 401  # where the owner logged in, slips cost what they did
     assert log_in(behind_proxy, OWNER, password=PASSWORD).status_code == 303
+
+
+def test_whether_somebody_logged_in_before_is_found_by_an_index(behind_proxy: Closed) -> None:
+    """It is asked at each guess at a crowded name, and the log grows with every change."""
+    asked = []
+    with behind_proxy.database.read() as session:
+        event.listen(session.connection(), "before_cursor_execute", lambda *said: asked.append(said[2:4]))
+        logged_in_since(session, "anna", OWNER, now())
+        ((statement, values),) = asked
+        plan = session.connection().exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", values).all()
+    assert [step.detail.partition("USING ")[2] for step in plan] == ["INDEX ix_audit_log_logins (who=? AND target=?)"]
 
 
 def test_an_unlock_opens_a_name_that_was_guessed_at_from_everywhere(

@@ -221,6 +221,19 @@ def test_one_name_at_many_places_is_a_measurement_for_each_visit(shared_api: Api
     assert [len(session.windows_of(name)) for name in session.measurements] == [8] * 4
 
 
+def test_who_waits_longer_lets_windows_be_as_far_apart(shared_api: Api) -> None:
+    """An axis whose settings were stated before there was a pause takes what it took."""
+    found = {}
+    for timeout_s, pause_s in ((3600.0, None), (60.0, None), (3600.0, 600.0)):
+        axis = f"waits-{timeout_s:g}-{pause_s}"
+        shared_api.register(axis, measurement_timeout_s=timeout_s, measurement_pause_s=pause_s)
+        for minutes in (0, 8, 16, 61):  # pauses of 8, 8 and 45 minutes
+            shared_api.accept(axis, recorded("X", 300.0, timedelta(minutes=minutes))[:1])
+        shared_api.accept(axis, recorded("X", 300.0)[1:2], complete=True)
+        found[timeout_s, pause_s] = [windows_in(shared_api, axis, point) for point in shared_api.trend(axis)]
+    assert found == {(3600.0, None): [5], (60.0, None): [4], (3600.0, 600.0): [4]}
+
+
 def test_what_is_joined_keeps_its_alarms_and_pins(shared_api: Api) -> None:
     shared_api.register("bridged")
     windows = [replace(w, started_at=START + 300 * i * timedelta(seconds=1)) for i, w in enumerate(FIRST)]

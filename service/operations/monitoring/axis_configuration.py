@@ -55,6 +55,9 @@ from service.operations.fields import (
 from service.store.axes import list_axes
 from service.store.tables import AxisRow
 
+#: A short timeout alone, which says when to judge, does not divide what is measured.
+LEAST_UNSET_PAUSE_S = 600.0
+
 
 class AxisConfiguration(RequestModel):
     """What an operator states about an axis. It is sent, stored and shown in this one form."""
@@ -70,9 +73,10 @@ class AxisConfiguration(RequestModel):
     measurement_timeout_s: Annotated[Number, SECONDS] = Field(
         default=600.0, description="a measurement that no window came to for so long is judged with what it has"
     )
-    measurement_pause_s: Annotated[Number, SECONDS] = Field(
-        default=600.0,
-        description="a window that began so long after the one before of its name had ended begins another measurement",
+    measurement_pause_s: Annotated[Number, SECONDS] | None = Field(
+        default=None,
+        description="a window that began so long after the one before of its name had ended begins another "
+        "measurement; unset: as measurement_timeout_s, at least 600",
     )
     minimum_averages: int = Field(
         default=2, ge=2, le=1000, description="fewer windows are never judged; more may be needed, by their coherence"
@@ -190,7 +194,10 @@ def core_settings(configuration: AxisConfiguration) -> AxisSettings:
 @lru_cache(maxsize=1024)
 def visit_of(configuration: AxisConfiguration) -> Visit:
     """Return how far the windows of one measurement may be apart."""
-    return Visit(timedelta(seconds=configuration.measurement_pause_s), metres(configuration.position_span_limit_mm))
+    pause_s = configuration.measurement_pause_s
+    if pause_s is None:
+        pause_s = max(configuration.measurement_timeout_s, LEAST_UNSET_PAUSE_S)
+    return Visit(timedelta(seconds=pause_s), metres(configuration.position_span_limit_mm))
 
 
 def detector_settings(configuration: AxisConfiguration) -> DetectorSettings:
