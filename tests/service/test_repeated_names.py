@@ -34,6 +34,8 @@ class Memory:
     members: dict[int, dict[datetime, StoredMember]] = field(default_factory=dict)
     known: dict[int, Measured] = field(default_factory=dict)
     n_numbers: int = 0
+    n_loads: int = 0
+    closed_numbers: set[int] = field(default_factory=set)
 
     def called(self, name: str, since: datetime, until: datetime) -> list[Measured]:
         rows = [row for row in self.rows.values() if row.name == name and row.ended_at >= since]
@@ -42,12 +44,13 @@ class Memory:
         return [self.known.setdefault(row.id, Measured(row, was[row.id])) for row in found]
 
     def members_of(self, row: MeasurementRecord) -> list[StoredMember]:
+        self.n_loads += 1
         return [self.members[row.id][start] for start in sorted(self.members[row.id])]
 
     def closed(self, row: MeasurementRecord) -> str | None:
-        return None
+        return "it takes no more" if row.id in self.closed_numbers else None
 
-    def take(self, windows: list[Window], *, complete: bool) -> None:
+    def take(self, windows: list[Window], *, complete: bool) -> Admission:
         """Put windows in as a request would, and write down what came of it."""
         self.known.clear()
         admission = Admission("axis", AxisConfiguration(windows_per_measurement=4), START + 40 * DAY, self)
@@ -59,7 +62,8 @@ class Memory:
             self.rows[measurement.row.id] = measurement.row
             self.members.setdefault(measurement.row.id, {})
         for item in admission.admitted:
-            self.members[item.of.row.id][item.placed.started_at] = StoredMember(item.placed, item.accepted)
+            if item.refusal is None:
+                self.members[item.of.row.id][item.placed.started_at] = StoredMember(item.placed, item.accepted)
         for start, measurement in admission.moved:
             (old,) = [
                 number for number, of_it in self.members.items() if start in of_it and number != measurement.row.id
@@ -73,9 +77,10 @@ class Memory:
                 m.placed for m in self.members_of(measurement.row)
             ]
             measurement.row.status = JUDGED
+        return admission
 
 
-DAY = timedelta(days=1)
+DAY, SECOND = timedelta(days=1), timedelta(seconds=1)
 WINDOW = Window(np.zeros(8), np.zeros(8), 8.0, START, Conditions(0.5), "X")
 #: Pauses of no doubt, and just within and beyond the longest.
 PAUSES_S = (2.0, 2.0, 2.0, 599.0, 601.0, 602.0, 4000.0, 86400.0)
@@ -112,6 +117,39 @@ def test_any_order_and_cut_makes_the_measurements_of_the_whole(n_histories: int)
             placed = [member.placed for member in memory.members_of(row)]
             assert (row.started_at, row.ended_at) == (placed[0].started_at, placed[-1].ended_at), seed
             assert row.n_accepted == len(placed), seed
+
+
+def at(*seconds: float, position: float = 0.5, preload: float | None = None) -> list[Window]:
+    conditions = Conditions(position, preload=preload)
+    return [replace(WINDOW, started_at=START + timedelta(seconds=s), conditions=conditions) for s in seconds]
+
+
+def test_what_lies_between_two_windows_of_a_request_is_not_looked_at() -> None:
+    memory, n_between = Memory(), 40
+    for hour in range(1, n_between):
+        memory.take(at(3600.0 * hour), complete=True)
+    memory.n_loads = 0
+    memory.take(at(0.0, 1800.0, 3600.0 * n_between, 3600.0 * n_between + 2.0), complete=True)
+    assert sorted(len(members) for members in memory.members.values()) == [1] * (n_between + 1) + [2]
+    assert memory.n_loads <= 4
+
+
+def test_window_within_a_closed_measurement_is_refused_whatever_came_before_it_in_its_request() -> None:
+    memory = Memory()
+    memory.take(at(100.0, 200.0, 300.0), complete=True)
+    memory.closed_numbers.add(1)
+    admission = memory.take(at(50.0, position=0.1) + at(250.0), complete=False)
+    assert [item.refusal is not None for item in admission.admitted] == [False, True]
+    assert sorted(len(members) for members in memory.members.values()) == [1, 3]
+
+
+def test_measurement_of_nothing_but_wrong_clocks_does_not_hide_the_one_that_goes_on() -> None:
+    memory = Memory()
+    memory.take(at(0.0, 2.0, 4.0), complete=True)
+    hollow = replace(memory.rows[1], id=2, started_at=START + 5 * SECOND, ended_at=START + 5 * SECOND, status=OPEN)
+    memory.rows[2], memory.members[2], memory.n_numbers = hollow, {}, 2
+    memory.take(at(8.0), complete=False)
+    assert {number: len(members) for number, members in memory.members.items()} == {1: 4, 2: 0}
 
 
 def recorded(name: str, preload: float, after: timedelta = timedelta(), position_mm: float = 500.0) -> list[Window]:

@@ -84,8 +84,9 @@ class Admission:
         for members in by_name.values():
             ahead_of_time = [m for m in members if m.placed.started_at - self.received_at > MOST_AHEAD]
             in_time = members[: len(members) - len(ahead_of_time)]
-            if in_time:
-                self._distribute(*self._grouped(in_time))
+            while in_time:
+                groups, hollow, in_time = self._run(in_time)
+                self._distribute(groups, hollow)
             if ahead_of_time:
                 self._put_aside(ahead_of_time)
 
@@ -107,39 +108,48 @@ class Admission:
         ]
         return sorted(dict.fromkeys(complete), key=lambda measurement: measurement.row.started_at)
 
-    def _grouped(self, new: Sequence[Member]) -> tuple[list[list[Member]], list[Measured]]:
-        """Return new windows of one name, and the stored ones that are averaged otherwise with them, by measurement.
+    def _run(self, new: Sequence[Member]) -> tuple[list[list[Member]], list[Measured], list[Member]]:
+        """Return windows of one name by measurement, from the first new one to the first stored one that stays.
 
-        Stored measurements are taken in one after the other, from that which the first new window may be of to the
-        first that stays as it is. Those that hold no such window yet are returned besides.
+        Stored measurements and new windows are taken in one after the other, in the order of their time, from the
+        stored one which the first new window may be of: what lies between two new windows that are far apart is not
+        looked at. Stored measurements on the way that hold no window yet, and the new windows that were not reached,
+        are returned besides.
         """
-        members, visit, hollow = list(new), visit_of(self.configuration), list[Measured]()
+        members, ahead = [new[0]], list(new[1:])
+        visit, hollow = visit_of(self.configuration), list[Measured]()
         name, first = new[0].placed.name, new[0].placed.started_at
         looked_until, waiting, seen = first, list[Measured](), set[Measured]()
         while members:
-            groups = _by_measurement(members, visit)
             until = max(member.placed.ended_at for member in members) + visit.pause
             if until > looked_until:
                 around = self.history.called(name, first - visit.pause, until)
-                begun = [measurement for measurement in around if measurement.row.started_at <= first]
-                waiting = [
-                    measurement for measurement in around if measurement not in seen and measurement not in begun[:-1]
-                ]
+                begun = [m for m in around if m.row.started_at <= first and self.load(m)]
+                newest = max(begun, key=lambda measurement: measurement.row.started_at, default=None)
+                passed = seen.union(measurement for measurement in begun if measurement is not newest)
+                waiting = [measurement for measurement in around if measurement not in passed]
                 looked_until = until
+            stored = self.load(waiting[0]) if waiting else []
+            before = stored[0].placed.started_at if stored else until
+            if ahead and (stored or not waiting) and ahead[0].placed.started_at <= before:
+                members.append(ahead.pop(0))
+                continue
+            groups = _by_measurement(members, visit)
             if not waiting:
-                return groups, hollow
+                return groups, hollow, ahead
             following = waiting.pop(0)
             seen.add(following)
-            stored = self.load(following)
             if not stored:
                 hollow += [following] if following.row.status == OPEN else []
             elif self._stays(stored, members, groups[-1], visit):
-                return groups, hollow
+                return groups, hollow, ahead
             elif (why := self.history.closed(following.row)) is not None:
+                while ahead and ahead[0].placed.started_at <= following.row.ended_at + visit.pause:
+                    members.append(ahead.pop(0))
                 members = self._kept_out(members, following, why, visit)
             else:
                 members += stored
-        return [], hollow
+        return [], hollow, ahead
 
     @staticmethod
     def _stays(stored: Sequence[Member], members: Sequence[Member], last: Sequence[Member], visit: Visit) -> bool:
