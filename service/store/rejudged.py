@@ -10,6 +10,7 @@ from sqlalchemy import (
     and_,
     bindparam,
     delete,
+    exists,
     func,
     insert,
     literal,
@@ -140,6 +141,12 @@ def forget_staged(connection: Connection, job_id: str | None) -> None:
         connection.execute(delete(_STAGED).where(_STAGED.c.job_id.not_in(unfinished)))
     else:
         connection.execute(delete(_STAGED).where(_STAGED.c.job_id == job_id))
+
+
+def forget_gone(connection: Connection, job_id: str) -> None:
+    """Forget what a job kept aside of measurements that were joined into others before it was written."""
+    is_there = exists().where(_MEASUREMENTS.c.id == _STAGED.c.measurement_id)
+    connection.execute(delete(_STAGED).where(_STAGED.c.job_id == job_id, ~is_there))
 
 
 def put_in_force(connection: Connection, axis_id: str, calibration_id: int) -> None:

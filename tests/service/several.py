@@ -38,6 +38,7 @@ def prepare(api: Api) -> None:
         windows_per_measurement=WINDOWS_OF_MEASUREMENT,
         minimum_averages=2,
         measurement_timeout_s=1e6,
+        measurement_pause_s=600.0,
         baseline_size=5,
     )
     api.calibrate(AXIS)

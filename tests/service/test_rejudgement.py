@@ -33,6 +33,7 @@ CONFIGURATION = {
     "windows_per_measurement": 3,
     "minimum_averages": 2,
     "measurement_timeout_s": 1e6,
+    "measurement_pause_s": 600.0,
     "baseline_size": 5,
 }
 
@@ -203,6 +204,33 @@ def test_until_it_is_done_the_old_values_are_stale_and_new_windows_count(
         with_both(api, active=2)
         feed(api, [*windows, *more, *late])
         assert as_bytes(said_of(service)) == as_bytes(said_of(api))
+
+
+def test_measurements_that_are_joined_meanwhile_are_judged_as_one(
+    service: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of them is gone between being read and being kept aside."""
+    parts = [
+        simulated_measurement(
+            np.random.default_rng(79), "bridged", preload=300.0, started_at=START + timedelta(minutes=at), n_windows=2
+        )
+        for at in (-100, -93, -86)
+    ]
+    for part in (parts[0], parts[2]):
+        service.accept(AXIS, part, complete=True)
+    n_before = len(service.trend(AXIS))
+    with held_up(monkeypatch) as go_on:
+        job = start(service, calibration=2)
+        while service.http.get(f"/v1/jobs/{job['id']}").json()["done"] == 0:  # it is at the second
+            time.sleep(0.02)
+        service.accept(AXIS, parts[1], complete=True)
+        go_on()
+        assert ended(service, job)["status"] == "done"
+    after = service.trend(AXIS)
+    assert len(after) == n_before - 1
+    assert {point["calibration"] for point in after if point["preload_n"]} == {2}
+    view = service.http.get(f"/v1/axes/{AXIS}/measurements/{after[0]['measurement_id']}").json()
+    assert (view["outcome"]["measurement"], round(view["outcome"]["n_averages"])) == ("bridged", 6)
 
 
 def test_a_cancelled_one_leaves_everything_as_it_was(service: Api, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -86,6 +86,7 @@ class Rejudgements:
         asked = RejudgementIn.model_validate(job.arguments)
         with self._database.write() as session:
             rejudged.forget_staged(session.connection(), None)
+            rejudged.forget_gone(session.connection(), job.job_id)
             axis = get_axis(session, job.axis_id)
             document = calibrations.get_calibration(session, job.axis_id, asked.calibration).document
             anew = Anew(
@@ -143,6 +144,7 @@ class Rejudgements:
 
     def _swapped(self, connection: Connection, job: JobHandle, anew: Anew, asked: RejudgementIn) -> Comparison:
         axis = intake.read_axis(connection, job.axis_id)
+        rejudged.forget_gone(connection, job.job_id)
         if rejudged.left_to_judge(connection, anew.job_id, axis.id, asked.span, after=None, limit=1):
             raise BusyError("another process took windows of this axis at this moment")
         return swap(connection, anew, axis, asked.span, asked.reason, dry_run=asked.dry_run)
