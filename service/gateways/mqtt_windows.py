@@ -33,6 +33,9 @@ log = logging.getLogger(__name__)
 RECEIVE_MAXIMUM = 4
 #: MQTT itself has no longer packets. What is too long for the service is taken, so that the sender is told.
 MOST_BYTES = 2**28 - 1
+#: While so much waits for the service, messages of QoS 0, which no broker holds back, are dropped. Each is counted with
+#: what it takes beside its payload.
+MOST_WAITING_BYTES, BYTES_OF_MESSAGE = 2**26, 1024
 #: So long a broker that keeps sessions keeps what comes while the gateway is away [s].
 SESSION_EXPIRY_S = 7 * 24 * 3600
 #: The service has so long to store a message, beside the time that sending it takes. A connection to the broker that is
@@ -82,12 +85,14 @@ class WindowsGateway:
         self._client = client = new_client(broker, name, keeps_session=True, most_bytes=MOST_BYTES)
         client.on_connect = self._connected
         client.on_subscribe = self._subscribed
-        client.on_message = lambda _client, _, message: self._events.put(partial(self._take, message))
+        client.on_message = self._came
         client.on_publish = lambda _client, _, *said: self._events.put(partial(self._answer_was_taken, *said))
         client.on_disconnect = self._lost
         self._events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._problem: str | None = None  # why this connection is of no use any more
         self._has_taken = False  # anything, in this connection
+        self._came_bytes = self._handled_bytes = 0  # in this connection: the one is the library's thread's to count
+        self._has_dropped = False
         self._waiting: deque[_Taken] = deque()  # in their order, in which they must be acknowledged
         self._answers: dict[int, _Taken] = {}  # by the number of the answer that is on its way
 
@@ -107,6 +112,8 @@ class WindowsGateway:
     def _serve(self, stopping: threading.Event) -> str | None:
         """Take windows in one connection, and return why it ended if nobody asked for it."""
         self._problem, self._events = None, queue.SimpleQueue()
+        self._came_bytes = self._handled_bytes = 0
+        self._has_dropped = False
         self._waiting.clear()  # the broker numbers them anew
         self._answers.clear()
         try:
@@ -157,7 +164,18 @@ class WindowsGateway:
         del client, flags, properties
         self._problem = self._problem or f"the connection to the broker was lost ({reason})"
 
+    def _came(self, client: "Client", _: object, message: "MQTTMessage") -> None:
+        del client
+        if message.qos == 0 and self._came_bytes - self._handled_bytes > MOST_WAITING_BYTES:
+            if not self._has_dropped:
+                log.warning("windows come faster than the service takes them: messages of QoS 0 are dropped")
+            self._has_dropped = True
+            return
+        self._came_bytes += len(message.payload) + BYTES_OF_MESSAGE
+        self._events.put(partial(self._take, message))
+
     def _take(self, message: "MQTTMessage") -> None:
+        self._handled_bytes += len(message.payload) + BYTES_OF_MESSAGE
         axis = message.topic.removeprefix(f"{self._broker.root}/axes/").removesuffix("/windows")
         try:
             answer = self._post(axis, message)

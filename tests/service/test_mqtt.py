@@ -22,6 +22,7 @@ import httpx
 import msgpack
 import numpy as np
 import pytest
+from paho.mqtt.client import MQTTMessage
 
 from monitor_core.recording import Window
 from service.api.http.body import JSON_TYPE, MSGPACK_TYPE
@@ -447,6 +448,33 @@ def test_what_is_refused_holds_nothing_up(broker: BrokerProcess, api: Api, start
         (400, "unreadable-body"),
     ]
     client.close()
+
+
+def test_what_nobody_holds_back_is_dropped_above_a_bound(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of QoS 0 alone: what is acknowledged is bounded by the broker, and promised."""
+    monkeypatch.setattr(mqtt_windows, "MOST_WAITING_BYTES", 2**20)
+    gateway, taken = WindowsGateway(MqttSettings(), "http://127.0.0.1:9", None), list[int]()
+    monkeypatch.setattr(gateway, "_post", lambda _, message: taken.append(message.qos) or httpx.Response(201))
+    message = MQTTMessage(topic=b"preload/preload/axes/axis/windows")
+    message.payload = bytes(2**18)
+    urgent = MQTTMessage(topic=message.topic.encode())
+    urgent.qos, urgent.payload = 1, message.payload
+
+    def flood() -> list[int]:
+        """Return of which QoS what is taken is, if the service stands still while everything comes."""
+        taken.clear()
+        for _ in range(50):
+            gateway._client.on_message(gateway._client, None, message)
+        for _ in range(7):
+            gateway._client.on_message(gateway._client, None, urgent)
+        while not gateway._events.empty():
+            gateway._events.get()()
+        return list(taken)
+
+    assert flood() == flood() == [0] * 4 + [1] * 7  # four are above the bound with what each takes beside
+    assert sum("QoS 0" in record.message for record in caplog.records) == 1
 
 
 def slow_service(begun: list[float], takes_s: float) -> type[BaseHTTPRequestHandler]:
