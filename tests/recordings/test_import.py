@@ -1,5 +1,6 @@
 """Raw files of several clocks, files and shapes become one session, motion record or FRF set; what is left is said."""
 
+import math
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -11,9 +12,12 @@ from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
 from monitor_core.recordings import read_motion_record, read_session, write_motion_record, write_session
 from monitor_core.recordings.elements.units import Quantity, factor_to_si, response_factor, sensor_factor
+from monitor_core.recordings.raw.channel_time import ChannelTime, Run
+from monitor_core.recordings.raw.mapping import resampled
 from monitor_core.recordings.raw.mapping.channel_map import parse_channel_map
 from monitor_core.recordings.raw.mapping.imported import import_motion, import_session
 from monitor_core.recordings.raw.mapping.imported_frf import import_frf_set
+from monitor_core.recordings.raw.mapping.map_records import ResampleMethod, Resampling
 
 START = datetime(2025, 3, 1, 6, tzinfo=UTC)
 MAP = """
@@ -145,6 +149,29 @@ def test_uneven_sampling_is_never_taken_as_even(tmp_path):
     (window,) = made.session.windows
     at = t[0] + np.arange(window.n_samples) / 60.0
     np.testing.assert_allclose(window.response[10:-10], np.cos(2 * np.pi * at)[10:-10], atol=1e-3)
+
+
+def test_pieces_that_share_a_time_are_found_in_steps_that_grow_with_their_number(monkeypatch):
+    """Against all pairs, on two channels that pause at random, each at times of its own."""
+    rng, n_steps = np.random.default_rng(9), 0
+
+    def counted(pieces, shared=resampled._shared):
+        nonlocal n_steps
+        n_steps += 1
+        return shared(pieces)
+
+    monkeypatch.setattr(resampled, "_shared", counted)
+    times, sizes = [], rng.integers(20, 200, (2, 300))
+    for of_channel in sizes:
+        begins = np.cumsum(rng.uniform(0.01, 0.1, of_channel.size)) + np.r_[0.0, np.cumsum(of_channel[:-1])] / 1000.0
+        times.append(ChannelTime(runs=tuple(map(Run, of_channel.tolist(), begins.tolist(), [1000.0] * 300))))
+    signals = [np.zeros(int(of_channel.sum())) for of_channel in sizes]
+    made = resampled.resample(("a", "b"), signals, times, Resampling(500.0, ResampleMethod.LINEAR), "x")
+    ends = [[(run.start, run.instants[-1]) for run in time.runs] for time in times]
+    pairs = [(max(a[0], b[0]), min(a[1], b[1])) for a in ends[0] for b in ends[1]]
+    expected = sorted((begin, math.floor((end - begin) * 500.0 * (1.0 + 1e-12)) + 1) for begin, end in pairs)
+    assert [(piece.start, piece.signals[0].size) for piece in made] == [pair for pair in expected if pair[1] >= 8]
+    assert n_steps <= 2 * 300
 
 
 @pytest.mark.parametrize(("resampling", "rate"), [("", 1000.0), (RESAMPLE.format("cubic"), 2000.0)])

@@ -8,6 +8,9 @@ import pytest
 
 from monitor_core.errors import MissingReaderError
 from monitor_core.recordings.raw.binary import parquet
+from monitor_core.recordings.raw.channels import Stored
+from monitor_core.recordings.raw.mapping.channel_map import parse_channel_map
+from monitor_core.recordings.raw.mapping.imported import import_session
 from tests.recordings.test_raw import refusal
 
 pa = pytest.importorskip("pyarrow")
@@ -33,6 +36,28 @@ def test_numbers_are_what_was_written_in_each_packing(tmp_path, subtests):
             np.testing.assert_array_equal(channels.channel("force").samples, FORCE)
             np.testing.assert_array_equal(channels.channel("count").samples, np.arange(5000) % 7)
             assert channels.channel("single").samples.dtype == np.float32
+
+
+def test_of_a_map_that_states_the_rate_only_what_it_names_is_read(tmp_path, monkeypatch):
+    columns = {name: FORCE.repeat(10) for name in ("speed", "force", "acc", "temperature")}
+    path, read = written(tmp_path, columns), list[str]()
+
+    def noted(stored, where, of_file=Stored.read):
+        read.append(where)
+        return of_file(stored, where)
+
+    monkeypatch.setattr(Stored, "read", noted)
+    text = """axis_id = "a"
+    excitation = {channel = "force", quantity = "force", source = "sensor", unit = "N"}
+    response = {channel = "acc", unit = "m/s2"}
+    [window]
+    sample_rate_hz = 1000
+    started_at = 2025-03-01T06:00:00Z
+    position_mm = 0
+    position_span_mm = 0
+    """
+    assert import_session([path], parse_channel_map(text, "map.toml")).session.windows[0].n_samples == 50_000
+    assert {name.rpartition(", ")[2] for name in read} <= {"force", "acc"}
 
 
 @pytest.mark.parametrize(("unit", "per_second"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])

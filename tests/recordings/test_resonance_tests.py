@@ -91,6 +91,7 @@ def test_settings_of_another_test_are_refused(folder, preload):
     wrong = {
         "hz_per_sec = 2": ("hz_per_sec = 1", "expected one test without a break, which lasts"),
         "accel_per_hz = 60": ("accel_per_hz = 130", "expected an axis that follows the map"),
+        "sweeping_period = 1.2": ("sweeping_period = 1e-7", "expected a sweeping_period of at least"),
         'channel = "accel_x"': ('channel = "accel_y"', "expected an axis that follows the map"),
     }
     for stated, (other, sentence) in wrong.items():

@@ -98,6 +98,18 @@ def test_an_empty_cell_is_nan_and_moves_no_other(tmp_path):
     np.testing.assert_array_equal(channels.channel("c").samples, [np.nan, 6.0, 7.0])
 
 
+def test_dates_count_from_the_first_date_of_any_column_where_some_begin_with_empty_cells(tmp_path):
+    begin = datetime(2025, 3, 1, 6)  # noqa: DTZ001  # a sheet has no time zone
+    rows = [(begin if i == 3 else None, begin + timedelta(seconds=i), i) for i in range(6)]
+    path = written(tmp_path, ("Event", "Time", "force"), *rows)
+    book = openpyxl.load_workbook(path)
+    book.active["A2"].number_format = book.active["B2"].number_format
+    book.save(path)
+    channels = xlsx.read_channels(path)
+    np.testing.assert_array_equal(channels.channel("Time").samples, range(6))
+    np.testing.assert_array_equal(channels.channel("Event").samples, [np.nan, np.nan, np.nan, 0.0])
+
+
 REFUSED = {
     "a word": ((("a", "b"), (1, 2), (3, "overload")), "column 'b': expected numbers alone; got 'overload'"),
     "units without a word": ((("a", "b"), ("s", "N"), (3, 4)), "expected numbers alone; got 's'"),

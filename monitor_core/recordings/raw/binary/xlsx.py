@@ -2,7 +2,7 @@
 
 The names stand in the first row, unless the ``[text]`` of a channel map says otherwise; a first row of numbers alone
 means a sheet without names: the columns are then "1", "2", …. Formulas count with the values that Excel saved. A
-column of dates is a channel of seconds from the earliest first cell of such columns, one of durations a channel of
+column of dates is a channel of seconds from the earliest first date of such columns, one of durations a channel of
 seconds; a sheet has no time zone, so there is no start.
 """
 
@@ -270,7 +270,8 @@ def _channels(columns: dict[int, _Column], formats: dict[int, str], where: str) 
     kept = {place: column for place, column in sorted(columns.items()) if column.numbers}
     require_distinct([column.name for column in kept.values()], where)
     require_plausible_channels([(column.name, len(column.numbers)) for column in kept.values()], where)
-    zero = min((column.numbers[0] for place, column in kept.items() if formats.get(place) == "date"), default=0.0)
+    dates = [column.numbers for place, column in kept.items() if formats.get(place) == "date"]
+    zero = min((next(filter(math.isfinite, numbers), math.inf) for numbers in dates), default=0.0)
     return tuple(_channel(column, formats.get(place), zero) for place, column in kept.items())
 
 

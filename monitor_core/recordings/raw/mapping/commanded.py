@@ -104,9 +104,15 @@ def _velocity(sweep: Sweep) -> tuple[FloatArray, FloatArray, int]:
     velocity = np.concatenate([[0.0], np.cumsum(np.array(accelerations) * np.diff(ends))])
     if sweep.slow_period == 0.0:
         return ends, velocity, n_slow
+    n_turns = 2.0 * float(ends[-1]) / sweep.slow_period
+    if not n_turns <= _MOST_PIECES:
+        raise RecordingFormatError(
+            f"expected a sweeping_period of at least {2.0 * ends[-1] / _MOST_PIECES:.2g} s in [sweep], which turns "
+            f"{_MOST_PIECES} times; got {sweep.slow_period:g} s"
+        )
     first = math.sqrt(2.0) / 8.0
     turns = sweep.slow_period * np.concatenate(
-        [[0.0, first], first + 0.25 + first + 0.5 * np.arange(math.ceil(2.0 * ends[-1] / sweep.slow_period))]
+        [[0.0, first], first + 0.25 + first + 0.5 * np.arange(math.ceil(n_turns))]
     )
     signs = np.where(np.arange(turns.size - 1) % 2 == 0, 1.0, -1.0)
     slow = np.concatenate([[0.0], np.cumsum(sweep.slow_acceleration * signs * np.diff(turns))])

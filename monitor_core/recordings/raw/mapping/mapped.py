@@ -201,11 +201,21 @@ def _times(
 def _require_no_leap(channels: Channels, signal: Channel) -> None:
     """Refuse a rate for all samples where a channel numbers them and leaps where the file shows no break."""
     breaks = np.cumsum([run.n_samples for run in signal.time.runs], dtype=np.int64)[:-1] - 1
-    for channel in channels.channels:
-        steps = np.diff(channel.samples) if channel.shape == signal.shape and len(signal.shape) == 1 else np.empty(0)
-        if steps.size:
-            steps[breaks] = 1.0  # counted there
-        if steps.size and steps.min() == 1.0 and steps.max() > 1.0 and np.mean(steps == 1.0) > _NUMBERED:
+
+    def steps_of(numbers: SampleArray) -> SampleArray:
+        steps = np.diff(numbers)
+        steps[breaks[breaks < steps.size]] = 1.0  # counted there
+        return steps
+
+    def are_numbered(steps: SampleArray) -> bool:
+        return steps.size > 0 and bool(steps.min() == 1.0 and np.mean(steps == 1.0) > _NUMBERED)
+
+    for channel in channels.channels if len(signal.shape) == 1 else ():
+        # a channel that does not begin so need not be read
+        if channel.shape != signal.shape or not are_numbered(steps_of(channel.head)):
+            continue
+        steps = steps_of(channel.samples)
+        if are_numbered(steps) and steps.max() > 1.0:
             at = int(np.argmax(steps))
             raise RecordingFormatError(
                 f"{channels.file_name}: expected samples without a gap, as the map says; {channel.name!r} "

@@ -6,7 +6,7 @@ the samples are found back from the new ones as well, which shows what lay above
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,9 +55,7 @@ def resample(
     """
     pieces = [_pieces(values, time, f"{where}, {name}")
               for name, values, time in zip(names, signals, times, strict=True)]  # fmt: skip
-    stretches: list[tuple[_Piece, ...]] = [(piece,) for piece in pieces[0]]
-    for of_channel in pieces[1:]:
-        stretches = [(*some, piece) for some in stretches for piece in of_channel if _shared((*some, piece)) > 0.0]
+    stretches = list(_stretches(pieces))
     found = [made for stretch in stretches if (made := _resampled(names, stretch, how, where)) is not None]
     if not found:
         shared = max(map(_shared, stretches), default=0.0)
@@ -67,26 +65,36 @@ def resample(
     return found
 
 
+def _stretches(pieces: Sequence[Sequence[_Piece]]) -> Iterator[tuple[_Piece, ...]]:
+    """Yield the pieces of all channels that share some time, in the order of time: the one that ends first goes on."""
+    at = [0] * len(pieces)
+    while all(place < len(of_channel) for place, of_channel in zip(at, pieces, strict=True)):
+        stretch = tuple(of_channel[place] for place, of_channel in zip(at, pieces, strict=True))
+        if _shared(stretch) > 0.0:
+            yield stretch
+        at[min(range(len(stretch)), key=lambda number: stretch[number].end)] += 1
+
+
 def _pieces(values: SampleArray, time: ChannelTime, where: str) -> list[_Piece]:
-    """Part the samples of a channel at its breaks."""
+    """Part the samples of a channel at its breaks; the pieces follow each other in time."""
     if not np.all(np.isfinite(values)):
         raise RecordingFormatError(
             f"{where}: expected finite numbers to resample; sample {int(np.argmin(np.isfinite(values)))} is not"
         )
-    pieces, at = [], 0
+    pieces, at = list[_Piece](), 0
     for run in time.runs:
         if run.start is None and at:
             raise RecordingFormatError(
                 f"{where}: expected times from one start to resample; the file does not say when sample {at} was taken"
             )
+        steps = np.diff(run.instants, prepend=pieces[-1].end if pieces else -np.inf)
         pieces.append(_Piece(values[at : at + run.n_samples], run.instants))
-        at += run.n_samples
-        steps = np.diff(pieces[-1].times)
         if steps.size and not steps.min() > 0.0:
             raise RecordingFormatError(
                 f"{where}: expected times that rise from sample to sample; got a step of {steps.min():.6g} s behind "
-                f"sample {at - run.n_samples + int(np.argmin(steps))}"
+                f"sample {at - 1 + int(np.argmin(steps))}"
             )
+        at += run.n_samples
     return pieces
 
 
