@@ -92,6 +92,16 @@ def test_samples_that_the_file_calls_invalid_are_nan(tmp_path):
     np.testing.assert_array_equal(channels.channel("Current").samples, np.where(invalid, np.nan, CURRENT))
 
 
+def test_a_long_channel_of_arrays_is_left_out_as_a_short_one_is(tmp_path, subtests):
+    for n in (1000, 40_000):
+        with subtests.test(n=n):
+            times, arrays = np.arange(n) / 1000.0, np.zeros(n, dtype=[("arrays", "<f8", (3,))])
+            path = written(tmp_path / "a.mf4", [signal(np.sin(times), times, "T"), signal(arrays, times, "arrays")])
+            read = mdf4.read_channels(path)
+            np.testing.assert_array_equal(read.channel("T").samples, np.sin(times))
+            assert "arrays" not in read.names
+
+
 def test_other_versions_and_unfinished_files_are_named(tmp_path):
     path = tmp_path / "a.mdf"
     with asammdf.MDF(version="3.30") as file:

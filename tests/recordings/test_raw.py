@@ -3,6 +3,7 @@
 import itertools
 import struct
 import zipfile
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -219,6 +220,18 @@ def test_tdms_channels_know_unit_rate_and_start_in_utc(tdms_file):
     assert torque.time.sample_rate == pytest.approx(10_000.0, rel=1e-15)
     assert torque.time.started_at.isoformat() == "2025-03-01T06:00:00.750000+00:00"
     assert channels.channel("Drive/Counts").time.started_at is None  # 1904 is LabVIEW's word for *no time*
+
+
+def test_what_a_tdms_file_states_behind_its_samples_is_of_them(tmp_path):
+    writer = pytest.importorskip("nptdms")
+    stated = {"wf_increment": 1.0 / 1024.0, "wf_start_time": np.datetime64("2025-03-01T06:00:00")}
+    for of_last in (np.array([]), np.arange(8.0)):
+        with writer.TdmsWriter(tmp_path / "a.tdms") as file:
+            file.write_segment([writer.ChannelObject("group", "a", np.arange(8.0))])
+            file.write_segment([writer.ChannelObject("group", "a", of_last, stated)])
+        (channel,) = read_channels(tmp_path / "a.tdms").channels
+        assert [run.sample_rate for run in channel.time.runs] == [1024.0] * len(channel.time.runs)
+        assert channel.time.started_at == datetime(2025, 3, 1, 6, tzinfo=UTC)
 
 
 def test_a_last_segment_that_is_cut_off_is_not_dropped_in_silence(tdms_file):

@@ -237,9 +237,26 @@ def test_counts_that_wrap_are_unwrapped_where_the_map_says_where_and_refused_els
     np.testing.assert_array_equal(motion(tmp_path, stepped, 'unit = "m"'), stepped)
 
 
-def test_a_vibration_is_no_count_that_wraps() -> None:
+def test_vibrations_and_excitations_are_no_counts_that_wrap() -> None:
     rng, source = np.random.default_rng(3), MappedChannel("a", "m/s2", 1.0, float)
-    for _ in range(2000):
-        noise = rng.standard_normal(256)
-        vibration = scipy.signal.lfilter(*scipy.signal.butter(2, rng.uniform(0.05, 0.9)), noise)
-        assert unwrapped(vibration, source, "a") is vibration
+    signals = [
+        scipy.signal.lfilter(*scipy.signal.butter(2, rng.uniform(0.05, 0.9)), rng.standard_normal(256))
+        for _ in range(2000)
+    ]
+    held = np.repeat(rng.choice([-1.0, 1.0], 1000), 8)
+    square = np.sign(np.sin(2.0 * np.pi * 5.0 * (np.arange(8000) + 0.5) / 5000.0))
+    blows = np.where(np.arange(8000) % 2000 == 1000, 1.0, 0.0)
+    blows += 0.7 * np.roll(blows, 1)
+    signals += [
+        driven + noise * rng.standard_normal(8000) for driven in (held, square, blows) for noise in (1e-3, 1e-2, 5e-2)
+    ]
+    assert [number for number, signal in enumerate(signals) if _refused(signal, source)] == []
+    slow = np.mod(np.arange(8000) // 7, 256.0)  # an encoder that stands for seven samples at each count
+    assert _refused(slow, source)
+
+
+def _refused(samples, source) -> bool:
+    try:
+        return unwrapped(samples, source, "a") is not samples
+    except RecordingFormatError:
+        return True

@@ -208,7 +208,7 @@ def _samples(file: "MDF", path: Path, place: _Place, length: int) -> tuple[Sampl
     None where there are no numbers, and why.
     """
     channel = file.groups[place.group].channels[place.index]
-    if length > HEAD and _is_plain(channel):
+    if length > HEAD and _is_plain(channel) and not file.groups[place.group].channel_dependencies[place.index]:
         number = place.group * MAX_CHANNELS + place.index
         own = _samples_of(file, place.group, place.index)
         return stored_samples((length,), own, number, partial(_pieces, path)), ""

@@ -172,13 +172,15 @@ def _parts(path: Path) -> dict[str, list[_Part]]:
             self.stated.append({of: dict(pairs) for of, pairs in (segment_object_properties or {}).items()})
 
     parts, known = dict[str, list[_Part]](), dict[str, dict[str, object]]()
+    first = dict[str, dict[str, object]]()  # what is stated once, behind the samples or in a later segment, is of all
     with path.open("rb") as stream:
         reader = Reader(stream)
         reader.read_metadata()
     for segment, stated in zip(reader._segments, reader.stated, strict=True):
         for of, properties in stated.items():
             before = known.get(of, {})
-            now = before | {key: value for key, value in properties.items() if key.startswith(_OF_SAMPLES)}
+            told = {key: value for key, value in properties.items() if key.startswith(_OF_SAMPLES)}
+            first[of], now = told | first.get(of, {}), before | told
             if {key: str(value) for key, value in now.items()} != {key: str(value) for key, value in before.items()}:
                 known[of] = now
         for item in segment.ordered_objects:
@@ -189,7 +191,10 @@ def _parts(path: Path) -> dict[str, list[_Part]]:
             if of_channel and of_channel[-1].properties is properties:
                 n_samples += of_channel.pop().n_samples
             of_channel.append(_Part(n_samples, properties))
-    return parts
+    return {
+        of: [replace(part, properties=first.get(of, {}) | part.properties) for part in of_channel]
+        for of, of_channel in parts.items()
+    }
 
 
 def _channel(

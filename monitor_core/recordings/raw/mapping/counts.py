@@ -13,11 +13,10 @@ from monitor_core.recordings.raw.mapping.map_records import MappedChannel
 _USUAL = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 18, 20, 24, 32)), 360.0, 400.0, 2.0 * np.pi)
 #: A step by more than this share of all that is covered is no motion of one sample …
 _JUMP = 0.6
-#: … where steps are usually below this share of it, and none but the jumps is larger than that: a vibration has steps
-#: of every size.
-_USUAL_STEP, _LARGEST_STEP = 0.1, 0.3
-#: So many steps on either side of a jump show which way it went.
-_N_AROUND = 4
+#: … where steps are usually below this share of it.
+_USUAL_STEP = 0.1
+#: So many steps on either side of a jump show which way it went: straight, and as fast before as behind.
+_N_AROUND, _STRAIGHT, _AS_FAST = 16, 0.75, 0.25
 _TOLERANCE = 0.02  # of a usual count: the sample before the wrap stands below it
 
 
@@ -47,7 +46,7 @@ def unwrapped(samples: SampleArray, source: MappedChannel, where: str) -> Sample
     wraps = _wraps(steps, float(np.ptp(finite)))
     if wraps.any():
         first = int(np.argmax(wraps))
-        size = float(np.max(np.abs(steps[wraps])))
+        size = float(np.nanmax(np.abs(steps)))
         usual = next((count for count in _USUAL if abs(count - size) <= _TOLERANCE * count), None)
         count = "where they do" if usual is None else f"{usual:.12g}"
         raise RecordingFormatError(
@@ -65,12 +64,14 @@ def _wraps(steps: FloatArray, covered: float) -> BoolArray:
     if not covered > 0.0 or not jumps.any() or not np.nanmedian(size) < _USUAL_STEP * covered:
         return np.zeros_like(jumps)
     slow = np.where(jumps | ~np.isfinite(steps), 0.0, steps)
-    if np.max(np.abs(slow)) > _LARGEST_STEP * covered:
-        return np.zeros_like(jumps)
-    along = np.concatenate(([0.0], np.cumsum(slow)))
+    along, way = (np.concatenate(([0.0], np.cumsum(of))) for of in (slow, np.abs(slow)))
     at = np.flatnonzero(jumps)
-    before = along[at] - along[np.maximum(at - _N_AROUND, 0)]
-    behind = along[np.minimum(at + 1 + _N_AROUND, along.size - 1)] - along[at + 1]
-    against = (before * steps[at] <= 0.0) & (behind * steps[at] <= 0.0) & (before * behind > 0.0)
+    first, last = np.maximum(at - _N_AROUND, 0), np.minimum(at + 1 + _N_AROUND, along.size - 1)
+    before, behind = along[at] - along[first], along[last] - along[at + 1]
+    is_straight = (np.abs(before) >= _STRAIGHT * (way[at] - way[first])) & (
+        np.abs(behind) >= _STRAIGHT * (way[last] - way[at + 1])
+    )
+    slower, faster = np.minimum(np.abs(before), np.abs(behind)), np.maximum(np.abs(before), np.abs(behind))
+    against = (before * steps[at] < 0.0) & (behind * steps[at] < 0.0) & is_straight & (slower > _AS_FAST * faster)
     jumps[at[~against]] = False
     return jumps
