@@ -161,7 +161,7 @@ def test_records_without_an_excitation_are_refused_for_that(preload, measured_da
     record = measured_data / "dropbear" / "slow10_test0.txt"
     text = 'axis_id = "beam"\nresponse = {channel = "1", unit = "g"}\n[window]\nsample_rate_hz = 5000\n'
     sentence = refused(preload, "frf", record, "--map", write("beam.toml", text))
-    assert "expected a table [excitation], the torque or the force that drives the axis" in sentence
+    assert "expected a table [excitation] with channel, quantity, source" in sentence
 
 
 def test_shocks_whose_excitation_is_an_acceleration_are_refused_for_that(preload, measured_data):
@@ -230,7 +230,10 @@ def test_a_table_of_constants_is_refused_by_what_it_lacks(preload, published_dat
 def test_a_response_of_a_universal_file_becomes_an_frf_set(preload, measured_data):
     pytest.importorskip("pyuff")
     path = measured_data / "readers" / "uff" / "measurement.uff"
-    text = TOOL.partition("frequency =")[0] + 'response = {channel = "1", unit = "m/N"}\nrelative = 0.01\n'
+    text = (
+        TOOL.partition("frequency =")[0].replace("displacement", "acceleration")
+        + 'response = {channel = "1", unit = "m/(N.s2)"}\nrelative = 0.01\n'
+    )
     words = ("--map", write("beam.toml", text + "[window]\nposition_mm = 0\n"))
     answer = answer_of(preload, "import", path, *words, "--out", "beam.frf.h5")
     assert (answer["conditions"], answer["left_out"][0]["what"]) == (1, "1 of 1001 lines of measurement.uff")

@@ -118,7 +118,7 @@ def test_each_route_is_denied_without_its_scope_and_to_nobody(closed: Closed, su
             needed, path = NEEDED.get((method, template), Scope.ADMIN), path_of(template)
             assert closed.status(method, path, None) == 401
             assert closed.status(method, path, "Bearer preload_of_nobody") == 401
-            closed.access.wrong_keys.right("127.0.0.1", "")
+            closed.access.wrong_keys.right("127.0.0.1", None)
             assert closed.status(method, path, closed.key(*(EVERYTHING - {needed}))) == 403
             assert closed.status(method, path, closed.key(needed)) not in (401, 403)
 
@@ -296,7 +296,7 @@ def test_a_user_who_is_disabled_or_has_another_password_is_logged_out(closed: Cl
             closed.access.forget()
             assert http.get("/v1/axes").status_code == 401
             assert http.post("/login", data={"name": f"carl {n}", "password": PASSWORD}).status_code == 401
-        closed.access.wrong_logins.right("127.0.0.1", f"user carl {n}")
+        closed.access.wrong_logins.right("127.0.0.1", f"carl {n}")
 
 
 def test_passwords_are_long_and_stored_as_hashes(closed: Closed) -> None:

@@ -46,7 +46,7 @@ def test_each_gate_has_value_and_limit(measured: Api) -> None:
     said = get(measured, numbers(measured)[0])["outcome"]
     assert gates["low-coherence"] | {"value": said["coherence"], "lower": 0.5} == gates["low-coherence"]
     assert gates["no-peak-in-band"]["lower"] < said["frequency_hz"] < gates["no-peak-in-band"]["upper"]
-    assert gates["uncertain-frequency"]["upper"] == 0.5
+    assert gates["uncertain-frequency"]["upper"] == pytest.approx(0.003 * said["frequency_hz"])
 
 
 def test_a_refused_measurement_names_its_gate(measured: Api) -> None:

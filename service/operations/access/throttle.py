@@ -112,7 +112,7 @@ class LoginThrottle:
                 self._tries.popitem(last=False)
             return wait_s
 
-    def right(self, address: str, name: str) -> None:
+    def right(self, address: str, name: str | None) -> None:
         """Forget the tries of an address at a name, after a right one; those at other names still count."""
         host = host_of(address)
         with self._lock:

@@ -6,13 +6,13 @@ here those of each segment hold for its own samples.
 
 import math
 import struct
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -167,7 +167,9 @@ def _parts(path: Path) -> dict[str, list[_Part]]:
             super().__init__(stream)
             self.stated: list[dict[str, dict[str, object]]] = []
 
-        def _update_object_properties(self, segment_object_properties: Mapping[str, Any] | None) -> None:
+        def _update_object_properties(
+            self, segment_object_properties: Mapping[str, Iterable[tuple[str, object]]] | None
+        ) -> None:
             super()._update_object_properties(segment_object_properties)
             self.stated.append({of: dict(pairs) for of, pairs in (segment_object_properties or {}).items()})
 
@@ -192,7 +194,7 @@ def _parts(path: Path) -> dict[str, list[_Part]]:
                 n_samples += of_channel.pop().n_samples
             of_channel.append(_Part(n_samples, properties))
     return {
-        of: [replace(part, properties=first.get(of, {}) | part.properties) for part in of_channel]
+        of: [replace(part, properties={**first.get(of, {}), **part.properties}) for part in of_channel]
         for of, of_channel in parts.items()
     }
 

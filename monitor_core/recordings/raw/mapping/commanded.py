@@ -18,7 +18,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import scipy.signal
+import scipy
 
 from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
