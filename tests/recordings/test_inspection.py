@@ -95,6 +95,15 @@ def test_one_signal_on_two_channels_is_said():
     assert third.remarks == ()
 
 
+def test_figures_of_a_reading_that_failed_are_not_shown(tmp_path):
+    fast = np.where(np.arange(120_000) == 119_999, 1005.0, 6.0)
+    rows = [f"{k / 1000},{value:g},{f'{k / 500},{k % 5}' if k < 60_000 else ','}" for k, value in enumerate(fast)]
+    (tmp_path / "a.csv").write_text("Time1,Torque,Time2,Acc\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    found = read_as_proposed(tmp_path / "a.csv", "csv")
+    of_torque = summaries_of(found.channels, found.figures)[1]
+    assert (of_torque.name, of_torque.minimum, of_torque.maximum) == ("Torque", 6.0, 1005.0)
+
+
 def test_uneven_and_falling_times_are_said():
     jumpy = np.cumsum(np.tile([0.012, 0.021], 50))
     assert "uneven: steps of 0.012 to 0.021" in summary_of(Channel("time", jumpy, "s")).remarks[0]
@@ -125,6 +134,10 @@ NAMES = {
     "Beschleunigung": (ChannelKind.ACCELERATION, None),
     "Velocity [mm/s]": (None, "mm/s"),
     "axis_a": (None, None),
+    "torque_a": (ChannelKind.TORQUE, None),  # of the axis A
+    "force_v": (ChannelKind.FORCE, None),
+    "motor_current_a": (ChannelKind.TORQUE, "A"),
+    "torque_mv": (ChannelKind.TORQUE, "mV"),
     "temperature_c": (None, None),
     "a / (m/s²)": (None, "m/s2"),
     "Kraft in kN": (ChannelKind.FORCE, "kN"),

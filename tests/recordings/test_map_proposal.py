@@ -258,6 +258,18 @@ def test_two_clocks_ask_for_a_rate():
     assert filled.places == ["sample_rate_hz", "started_at", "position_mm"]
 
 
+def test_numbers_of_samples_with_a_leap_ask_for_their_rate_and_are_no_milliseconds(tmp_path):
+    number = np.arange(CURRENT.size) + 37.0 * (np.arange(CURRENT.size) >= 300)
+    np.savez(tmp_path / "a.npz", Counter=number, Torque=CURRENT, Acceleration=ACCELERATION)
+    filled = Filled(map_text(tmp_path / "a.npz"))
+    of_time = filled.text.partition("[time]")[2].partition("\n\n")[0]
+    assert 'channel = "Counter"' in of_time
+    assert '"ms"' not in of_time
+    assert "of the samples that it numbers; or unit, if these are times" in of_time
+    filled.fill("sample_rate_hz", "1024", at="time")
+    assert filled.text.count("sample_rate_hz") == 1
+
+
 @given(st.text(st.characters(exclude_categories=("Cs",))))
 def test_any_name_is_read_back_from_the_map_and_moves_no_cursor(name):
     assert tomllib.loads(f"channel = {printed(name)}") == {"channel": name}

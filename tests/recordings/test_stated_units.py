@@ -19,7 +19,7 @@ from monitor_core.recordings.raw.mapping.counts import unwrapped
 from monitor_core.recordings.raw.mapping.imported import import_motion
 from monitor_core.recordings.raw.mapping.imported_frf import import_frf_set
 from monitor_core.recordings.raw.mapping.map_records import MappedChannel
-from monitor_core.recordings.raw.mapping.stated_units import resolved_response
+from monitor_core.recordings.raw.mapping.stated_units import agreed_unit, resolved_response
 
 ROWS = np.array([[0.0, 100.0, 0.5], [0.001, -50.0, -1.0], [0.002, 25.0, 2.0], [0.003, 10.0, 0.0]])
 HALF = 'channel = "{name}"\nquantity = "{quantity}"\nsource = "sensor"\n{entries}'
@@ -55,6 +55,7 @@ AGREED = {
         ("Torque", "Acc [g]", 'unit = "0.1%"\nsensitivity = 12.7\nsensitivity_unit = "N.m/100%"', ""), 0.0127, 9.80665,
     ),
     "ounces and inches": (("Torque [oz-in]", "Acc [in/s^2]", "", ""), 0.0254 * 4.4482216152605 / 16.0, 0.0254),
+    "a name whose letter is of another thing": (("pos_torque [Nm]", "acc_a", "", 'unit = "m/s2"'), 1.0, 1.0),
     "words that are no units": (("Torque (motor)", "Acc (nut)", 'unit = "N.m"', 'unit = "g"'), 1.0, 9.80665),
 }  # fmt: skip
 
@@ -235,6 +236,42 @@ def test_counts_that_wrap_are_unwrapped_where_the_map_says_where_and_refused_els
     np.testing.assert_array_equal(plain, TRAVEL)
     stepped = np.where(np.arange(2000) < 700, 0.0, 0.2)
     np.testing.assert_array_equal(motion(tmp_path, stepped, 'unit = "m"'), stepped)
+
+
+def test_a_name_does_not_overrule_a_unit_on_which_file_and_map_agree():
+    assert agreed_unit("mm", "m", "mm", "a, pos_m") == "mm"
+    with pytest.raises(RecordingFormatError, match="the file says 'mm', and the name 'm'"):
+        agreed_unit("mm", "m", "", "a, pos_m")
+
+
+ROTATING = """
+axis_id = "a"
+excitation = {{channel = "tq", quantity = "torque", source = "sensor", unit = "N.m"}}
+response = {{channel = "ac", unit = "m/s2"}}
+position = {{channel = "x", unit = "mm", wraps_at = 10}}
+{time}
+[window]
+started_at = 2025-03-01T06:00:00Z
+{window}
+"""
+
+
+def rotating(tmp_path, text, shape, **more):
+    wave = np.sin(np.arange(2000) / 3.0).reshape(shape)
+    turning = np.mod(0.01 * np.arange(2000) + 5.0, 10.0).reshape(shape)
+    np.savez(tmp_path / "a.npz", tq=wave, ac=wave, x=turning, **more)
+    (tmp_path / "map.toml").write_text(text, encoding="utf-8")
+    return import_session([tmp_path / "a.npz"], read_channel_map(tmp_path / "map.toml"))
+
+
+def test_turns_that_lie_in_a_break_or_between_the_windows_of_an_array_are_not_made_up(tmp_path):
+    times = np.arange(2000) / 1000.0 + 58.0 * (np.arange(2000) >= 1000)
+    drive = ROTATING.format(time='[time]\nchannel = "t"\nunit = "s"', window="")
+    with pytest.raises(RecordingFormatError, match=r"x: .* without a break .* behind sample 999: how many turns"):
+        rotating(tmp_path, drive, (2000,), t=times)
+    windows = 'sample_rate_hz = 1000\nwindows_in = "rows"\nwindow_interval_s = 2'
+    with pytest.raises(RecordingFormatError, match=r"x: .* one-dimensional .* for wraps_at; got shape \(4, 500\)"):
+        rotating(tmp_path, ROTATING.format(time="", window=windows), (4, 500))
 
 
 def test_vibrations_and_excitations_are_no_counts_that_wrap() -> None:

@@ -84,9 +84,13 @@ def kind_of_name(name: str) -> ChannelKind | None:
         for kind, beginnings in _BEGINNINGS.items():
             if any(word.startswith(beginnings) for word in words):
                 return kind
-        if any(word.startswith(_CURRENT) for word in words):
+        if _is_current(part):
             return ChannelKind.TORQUE
     return None
+
+
+def _is_current(name: str) -> bool:
+    return any(word.startswith(_CURRENT) for word in _words(without_unit(name)))
 
 
 def kind_of_unit(unit: str | None) -> ChannelKind | None:
@@ -103,7 +107,7 @@ def kind_of_unit(unit: str | None) -> ChannelKind | None:
 def unit_in_name(name: str) -> str | None:
     """Return the unit that the name of a channel states: ``Force [kN]``, ``acc (g)``, ``time_ms``; None if none.
 
-    A single letter at the end is a unit only of what the rest of the name says: ``force_n``, but not ``axis_a``;
+    A single letter at the end is a unit only of what the rest of the name says: ``force_n``, but not ``torque_a``;
     and so is "in", which is a word: ``travel_in``, but not ``signal_in``.
     """
     bracket = _IN_BRACKETS.search(name)
@@ -130,7 +134,9 @@ def _unit_at_end(name: str) -> str | None:
     if unit is None or unit in _WORDS:
         return unit if says is ChannelKind.POSITION and unit in ("in", "rev", "count") else None
     if is_raw(unit):
-        return unit if says is not None or unit in ("deg", "rad") else None
+        letter_is_unit = unit == "A" and _is_current(name[: ending.start()])  # "current_a", but not "torque_a"
+        is_said = letter_is_unit or (says is not None and len(ending[1]) > 1)
+        return unit if is_said or unit in ("deg", "rad") else None
     return unit if (says is None and len(ending[1]) > 1) or says == kind_of_unit(unit) else None
 
 

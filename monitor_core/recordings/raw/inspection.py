@@ -1,5 +1,6 @@
 """Look at the channels of a raw file: what the file states of each, and what its values show."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -98,7 +99,9 @@ def read_as_proposed(path: Path, name: str) -> AsProposed:
     if name == "csv" and raw_ending(path, READERS) in READERS_WITH_LAYOUT:
         watch = _Watch()
         channels, layout = columns.read_as_proposed(path, watch)
-        in_order = watch.figures if len(watch.figures) == len(channels.channels) else None
+        # figures of a reading that failed are of fewer samples
+        sizes = [math.prod(channel.shape) for channel in channels.channels]
+        in_order = watch.figures if [of.size for of in watch.figures] == sizes else None
         return AsProposed(channels, layout, in_order)
     try:
         return AsProposed(read_channels(path), None)

@@ -23,7 +23,7 @@ _TOLERANCE = 0.02  # of a usual count: the sample before the wrap stands below i
 def unwrapped(samples: SampleArray, source: MappedChannel, where: str) -> SampleArray:
     """Return numbers that go on where they began anew; others as they are.
 
-    ``RecordingFormatError`` if they wrap and the map does not say where.
+    ``RecordingFormatError`` if they wrap and the map does not say where, or if it says so of windows in an array.
 
     Examples
     --------
@@ -32,6 +32,8 @@ def unwrapped(samples: SampleArray, source: MappedChannel, where: str) -> Sample
     [350.0, 355.0, 360.0, 365.0]
 
     """
+    if samples.ndim != 1 and source.wraps_at is not None:
+        raise RecordingFormatError(f"{where}: expected one-dimensional numbers for wraps_at; got shape {samples.shape}")
     if samples.ndim != 1 or samples.size < 3:
         return samples
     if source.wraps_at is not None:

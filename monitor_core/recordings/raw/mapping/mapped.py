@@ -59,6 +59,7 @@ def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_m
     signals = [signal for signal, _ in found]
     values = [in_si(signal, source, f"{where}, {signal.name}") for signal, source in found]
     stated, remarks = _times(channels, signals, sources, channel_map)
+    _require_known_turns(signals, sources, stated, where)
     times = from_one_zero(stated)
     names, shapes = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
     remarks += _rates_open(names, stated)
@@ -83,6 +84,19 @@ def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_m
         records = list(_cut_at_breaks(where, names, values, times, started_at))
     records[0] = replace(records[0], remarks=(*remarks, *records[0].remarks))
     return tuple(records)
+
+
+def _require_known_turns(
+    signals: Sequence[Channel], sources: Sequence[MappedChannel], times: Sequence[ChannelTime], where: str
+) -> None:
+    """Refuse numbers that wrap where the samples have a break, in which they may go on by any number of turns."""
+    for signal, source, time in zip(signals, sources, times, strict=True):
+        if source.wraps_at is not None and len(time.runs) > 1:
+            raise RecordingFormatError(
+                f"{where}, {signal.name}: expected samples without a break for wraps_at; got one behind sample "
+                f"{time.runs[0].n_samples - 1}: how many turns lie in it, the file does not say; give the parts as "
+                "files of their own"
+            )
 
 
 def _cut_at_breaks(

@@ -79,10 +79,12 @@ def agreed_unit(of_file: str | None, of_name: str | None, in_map: str, where: st
     Raises
     ------
     RecordingFormatError
-        If two of them are different units, or if none is stated.
+        If two of them are different units, or if none is stated. A name says nothing where file and map agree.
 
     """
     unit, named, said = unit_of(of_file), unit_of(of_name), unit_of(in_map)
+    if unit is not None and said is not None and unit.is_same(said):
+        return in_map
     if unit is not None and named is not None and unit.powers == named.powers and not unit.is_same(named):
         raise RecordingFormatError(f"{where}: expected one unit; the file says {of_file!r}, and the name {of_name!r}")
     stated, who = (of_file, "the file says") if unit is not None else (of_name, "its name says")

@@ -32,6 +32,8 @@ _ISO = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(?P<zone>[
 _CLOCK = re.compile(r"\d{1,2}:\d\d(?P<seconds>:\d\d)?((?P<sign>[.,])\d+)?(?P<half>\s?[AaPp][Mm])?", re.ASCII)
 _DATE = re.compile(r"(\d{1,4})([-./])(\d{1,2})\2(\d{1,4})", re.ASCII)
 _MOST_LOOKED_AT = 1000
+#: Numbers from 0 or 1 on that rise by one so often number the samples; the rest are leaps.
+_NUMBERED = 0.9
 _PLAUSIBLE_STEPS = (("s", 0.05), ("ms", 50.0), ("us", 5e4))  # longest step of a recording that is to show a mode
 #: Records of fewer seconds are left whole.
 _FEWEST_WINDOWS = 8
@@ -76,7 +78,12 @@ def time_tables(times: Part | TextTimes | None, signals: Sequence[Part], channel
 def _time_entries(times: Part) -> Iterator[MapEntry]:
     yield from place_entries(times, "rises evenly, or is named so")
     unit, mark, remark = _unit_of_times(times)
-    yield missing("unit", choice_of_units(ChannelKind.TIME)) if unit is None else MapEntry("unit", unit, remark, mark)
+    if unit is not None:
+        yield MapEntry("unit", unit, remark, mark)
+    elif _counts(times) and not names_other_unit(times.channel.name):
+        yield missing("sample_rate_hz", "of the samples that it numbers; or unit, if these are times")
+    else:
+        yield missing("unit", choice_of_units(ChannelKind.TIME))
 
 
 def _text_time_entries(times: TextTimes) -> Iterator[MapEntry]:
@@ -92,9 +99,9 @@ def _text_time_entries(times: TextTimes) -> Iterator[MapEntry]:
 
 
 def _counts(times: Part) -> bool:
-    """Tell whether values are 0, 1, 2, …: the number of a sample, of which the rate is not known."""
+    """Tell whether values are 0, 1, 2, …, with few leaps: the number of a sample, of which the rate is not known."""
     start = times.head[:1000]
-    return start.size > 1 and bool((np.diff(start) == 1.0).all()) and float(start[0]) in (0.0, 1.0)
+    return start.size > 1 and bool(np.mean(np.diff(start) == 1.0) > _NUMBERED) and float(start[0]) in (0.0, 1.0)
 
 
 def _unit_of_times(times: Part) -> tuple[str | None, Mark, str]:
