@@ -135,7 +135,7 @@ def test_it_says_what_a_new_service_says_byte_for_byte(service: Api, under_secon
     before = said_of(service)
     assert as_bytes(before) != as_bytes(under_second)
     job = ended(service, start(service, calibration=2))
-    assert (job["status"], job["done"], job["total"]) == ("done", 40, 40)
+    assert (job["status"], job["done"], job["total"]) == ("done", 41, 41)  # one has a window elsewhere, on its own
     assert as_bytes(said_of(service)) == as_bytes(under_second)
     column = job["result"]["new"]
     assert column["n_alarms"] == 1
