@@ -1,6 +1,6 @@
 """HDF5 as other programs write it: what attributes state is used, or refused where they differ; the rest is named."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import h5py
 import numpy as np
@@ -11,7 +11,7 @@ from monitor_core.recordings.check import check_file
 from monitor_core.recordings.raw.binary import hdf5
 from monitor_core.recordings.raw.channels import HEAD, Stored
 from monitor_core.recordings.raw.inspection import read_as_proposed
-from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
+from monitor_core.recordings.raw.mapping.channel_map import parse_channel_map, read_channel_map
 from monitor_core.recordings.raw.mapping.imported import import_session
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 
@@ -92,6 +92,56 @@ def test_scales_are_clocks_and_numbers_of_netcdf_are_scaled(tmp_path):
     assert channels.started_at(torque) == datetime(2025, 3, 1, 6, tzinfo=UTC)
     expected = np.where(np.arange(N) == 3, np.nan, 2.0 * TORQUE + 1.0)
     np.testing.assert_allclose(torque.samples, expected, rtol=1e-15)
+
+
+def test_a_stated_start_is_that_of_sampling_times_unless_they_count_from_some_day(tmp_path):
+    def with_times(file, first=0.0, unit="s"):
+        file.attrs["start_time"] = "2025-03-01T06:00:00Z"
+        for name, values in (("time", first + np.arange(N) / RATE), ("torque", TORQUE), ("acceleration", ACC)):
+            file[name] = values
+        for name, its_unit in (("time", unit), ("torque", "Nm"), ("acceleration", "g")):
+            file[name].attrs["units"] = its_unit
+
+    def with_scale(file, first=0.0):
+        with_times(file, first)
+        file["time"].make_scale("time")
+        for name in ("torque", "acceleration"):
+            file[name].dims[0].attach_scale(file["time"])
+
+    text = """axis_id = "a"
+    excitation = {channel = "torque", quantity = "torque", source = "sensor"}
+    response = {channel = "acceleration"}
+    [window]
+    position_mm = 0
+    position_span_mm = 0
+    """
+    begin, other = datetime(2025, 3, 1, 6, tzinfo=UTC), "started_at = 2020-01-01T00:00:00Z\n"
+    for write, time in ((with_times, '[time]\nchannel = "time"\n'), (with_scale, "")):
+        for first, says in ((0.0, ""), (0.25, ""), (1.7e9, other)):
+            path, _ = read(tmp_path, lambda file, write=write, first=first: write(file, first))
+            (window,) = import_session([path], parse_channel_map(text + says + time, "map.toml")).session.windows
+            expected = datetime(2020, 1, 1, tzinfo=UTC) if says else begin + timedelta(seconds=first)
+            assert window.started_at == expected, (write, first)
+        path, _ = read(tmp_path, write)
+        with pytest.raises(RecordingFormatError, match="expected the start stated once"):
+            import_session([path], parse_channel_map(text + other + time, "map.toml"))
+    _, channels = read(tmp_path, lambda file: with_times(file, 45_000.0, "d"))
+    assert channels.channel("time").time.zero is None
+
+
+def test_a_rate_is_read_in_the_unit_of_its_name(tmp_path):
+    stated = {"dt_ms": 0.5, "sampling_interval_us": 500.0, "sample_rate_khz": 2.0, "Sampling Rate [kHz]": 2.0,
+              "Sampling-Rate": RATE, "dt": 1.0 / RATE, "sampling_frequency_hz": RATE}  # fmt: skip
+
+    def each(file):
+        for number, (name, value) in enumerate(stated.items()):
+            file[f"x{number}"] = TORQUE
+            file[f"x{number}"].attrs[name] = value
+
+    _, channels = read(tmp_path, each)
+    assert dict(zip(stated, (c.time.sample_rate for c in channels.channels), strict=True)) == pytest.approx(
+        dict.fromkeys(stated, RATE)
+    )
 
 
 def test_what_contradicts_itself_or_is_no_channel_is_said(tmp_path):

@@ -125,6 +125,8 @@ def test_spellings_of_other_programs_are_known_and_unknown_units_say_nothing():
     assert [canonical_unit(u) for u in ("m/s²", "m/s^2", "Volts", "Nm", "furlong", None)] == [
         "m/s2", "m/s2", "V", "N.m", None, None,
     ]  # fmt: skip
+    shares = ("% of rated", "Percent of nominal", "%FS", "%/s", "% per minute", "percentage")
+    assert [canonical_unit(u) for u in shares] == ["%", "%", "%", "%/s", None, None]
 
 
 # ---- refused -------------------------------------------------------------------------------------------------------
@@ -246,11 +248,20 @@ def test_rate_and_start_come_from_the_file_that_states_them(write_tdms):
     assert (window.sample_rate, window.started_at) == (1000.0, START)
 
 
+def test_a_unit_of_the_file_that_is_unknown_is_said_where_that_of_the_map_is_used(write_tdms):
+    path = write_tdms(acc={"unit_string": "g-force"})
+    mapped(path)
+    made = import_session([path], read_channel_map(path.parent / "map.toml"))
+    said = "a.tdms, g/acc: the file says 'g-force', which is no unit known here; 'g' of the map is used"
+    assert [remark for remark in made.remarks if "unit" in remark] == [said]
+
+
 def test_what_contradicts_the_file_is_refused(write_tdms):
     cases = [
         ({}, TDMS_MAP.replace('"N"', '"kN"'), "expected 'kN' as the map says; the file says 'N'"),
         ({}, TDMS_MAP + "sample_rate_hz = 1000\n", "1000.0 Hz in the file and 1000.0 Hz in sample_rate_hz of the map"),
         ({}, TDMS_MAP + "started_at = 2025-03-01T06:00:00Z\n", "expected the start stated once"),
+        ({"unit_string": "% of rated"}, TDMS_MAP, "expected 'g' as the map says; the file says '% of rated'"),
         ({"wf_increment": 2e-3}, TDMS_MAP, "expected channels of one sample rate; got 1000 Hz, 500 Hz"),
         ({"wf_start_offset": 0.01}, TDMS_MAP, "expected channels that start together; they start 0.01 s apart"),
     ]

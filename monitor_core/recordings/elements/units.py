@@ -69,6 +69,7 @@ _SIGNS = str.maketrans({
 })  # fmt: skip
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|°?[^\W\d_]+|[%‰°]|[-/().^]")
 _METRES_BY_SECOND_SQUARED = re.compile(r"\b([mu]?m)(?:s\^?-?2|ps2)\b")  # never a square of milliseconds
+_SHARE_OF = re.compile(r"\s*(?:%|per ?cent\b|pct\b)(?!\s*(?:[/.·*^]|per\b))", re.IGNORECASE)  # "% of rated"
 _LONGEST = 60  # letters of a unit
 
 
@@ -114,6 +115,8 @@ def unit_of(text: str | None) -> Unit | None:
 def _spelt(text: str) -> Unit | None:
     tokens = _tokens(text)
     unit = None if tokens is None else _read(tokens)
+    if unit is None and _SHARE_OF.match(text) is not None:
+        return _spelt("%")
     return unit if unit is not None and unit.powers else None
 
 

@@ -142,7 +142,7 @@ def _unit_at_end(name: str) -> str | None:
 
 def _spelt(text: str, says: ChannelKind | None) -> str | None:
     """Return a unit as names spell it, in any letters: "nm" are newton metres of a torque."""
-    small = "%" if text.startswith("%") else text.lower()  # "% of rated"
+    small = text.lower()
     if small == "nm" and says in (ChannelKind.TORQUE, None):
         return "N.m" if says or text != "nm" else "nm"
     return canonical_unit(text) or canonical_unit(_IN_NAMES.get(small, small))
@@ -158,6 +158,8 @@ def rate_of_number(name: str, value: float) -> float | None:
 
     """
     letters, unit = letters_of(name), unit_in_name(name)
+    if unit is not None and letters not in _NAMES_OF_RATE | _NAMES_OF_STEP:  # "dt_ms"
+        letters = letters_of(_ENDING.sub("", name))
     if letters in _NAMES_OF_RATE:
         rate = value * (1.0 if unit is None else factor_to("Hz", unit) or 0.0)
         return rate if rate > 0.0 else None

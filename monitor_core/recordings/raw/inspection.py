@@ -146,7 +146,6 @@ def _summary(channel: Channel, figures: SampleFigures) -> ChannelSummary:
         shape=channel.shape,
         unit=channel.unit,
         sample_rate=channel.time.sample_rate,
-        started_at=channel.time.started_at,
         clock=channel.time.clock,
         kind=kind_of(channel.name, channel.unit, channel.head),
         first_values=tuple(float(value) for value in channel.head.reshape(-1)[:N_FIRST]),

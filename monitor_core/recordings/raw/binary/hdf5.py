@@ -2,7 +2,7 @@
 
 Nobody has agreed how HDF5 states what a recording is. What is read are the attributes that programs mostly use, of a
 dataset itself or of a group above it: the unit (``units``, ``unit_string``, …), a rate or a step (``fs``,
-``sampling_rate``, ``dt``, …), a start with its zone; dimension scales of times are clocks; ``scale_factor``,
+``sampling_rate``, ``dt_ms``, …), a start with its zone; dimension scales of times are clocks; ``scale_factor``,
 ``add_offset`` and ``_FillValue`` of netCDF are applied. Every other number is listed, and means nothing by itself.
 """
 
@@ -28,7 +28,14 @@ from monitor_core.recordings.elements.bounds import (
 from monitor_core.recordings.elements.fields import parse_instant
 from monitor_core.recordings.elements.files import refusing
 from monitor_core.recordings.elements.hdf5 import open_hdf5, require_readable
-from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of_name, kind_of_unit, rate_of_number
+from monitor_core.recordings.elements.units import factor_to
+from monitor_core.recordings.raw.channel_kind import (
+    ChannelKind,
+    kind_of_name,
+    kind_of_unit,
+    rate_of_number,
+    unit_in_name,
+)
 from monitor_core.recordings.raw.channel_time import ChannelTime, even_time
 from monitor_core.recordings.raw.channels import (
     HEAD,
@@ -125,7 +132,7 @@ def _look_into(group: "h5py.Group", prefix: str, above: Stated, depth: int, foun
 
 
 def _attributes(place: "h5py.Group | h5py.Dataset", name: str, found: _Found) -> dict[str, object]:
-    """Return the single numbers and texts among the attributes, by their plain names."""
+    """Return the single numbers and texts among the attributes, by their plain names; rates keep theirs."""
     stated = dict[str, object]()
     for key in list(place.attrs)[:_MOST_ATTRIBUTES]:
         with suppress(OSError, TypeError, ValueError, KeyError, UnicodeError):  # types that h5py does not know
@@ -136,7 +143,7 @@ def _attributes(place: "h5py.Group | h5py.Dataset", name: str, found: _Found) ->
             if isinstance(value, str):
                 stated[_plain(key)] = value.strip()[:_LONGEST_TEXT]
             elif np.asarray(value).dtype.kind in "fiu":
-                stated[_plain(key)] = float(value)
+                stated[key if rate_of_number(key, float(value)) is not None else _plain(key)] = float(value)
                 found.numbers[f"{name}.{key}".lstrip(".")] = float(value)
     return stated
 
@@ -194,9 +201,9 @@ def _channel(file: "h5py.File", signals: list[_Signal], number: int, path: Path)
     unit, zero = _unit_of(signal)
     clock = next((s for s in signals if s.path == signal.clock and s.member is None and _is_of_times(s)), None)
     if clock is not None and clock.shape == signal.shape:
-        time = ChannelTime(_unit_of(clock)[1], clock=clock.name)
-    elif zero is not None:
-        time = ChannelTime(zero)
+        time = ChannelTime(_zero_of_times(file, clock, where), clock=clock.name)
+    elif zero is not None or _is_of_times(signal):
+        time = ChannelTime(_zero_of_times(file, signal, where))
     else:
         time = _time_of(signal, where)
     return Channel(signal.name, _samples(file, signals, number, path), unit, time)
@@ -219,10 +226,18 @@ def _is_of_times(signal: _Signal) -> bool:
     return ChannelKind.TIME in (kind_of_unit(unit), kind_of_name(signal.name))
 
 
+def _zero_of_times(file: "h5py.File", signal: _Signal, where: str) -> datetime | None:
+    """Return what sampling times count from: the stated start, unless they count from some day by themselves."""
+    unit, zero = _unit_of(signal)
+    if zero is not None:
+        return zero
+    first = float(_scaled(_part(file[signal.path], signal, slice(1)), signal).flat[0])
+    in_seconds = factor_to("s", unit or unit_in_name(signal.name) or "d")  # days, the longest, where none is stated
+    return _start_of(signal, where)[2] if abs(first * (in_seconds or math.inf)) < _LATEST else None
+
+
 def _time_of(signal: _Signal, where: str) -> ChannelTime:
     """Return what attributes say of rate and start."""
-    if _is_of_times(signal):
-        return ChannelTime()
     rates = {
         name: rate
         for name, value in signal.stated.items()
@@ -231,6 +246,16 @@ def _time_of(signal: _Signal, where: str) -> ChannelTime:
     if rates and max(rates.values()) - min(rates.values()) > _SAME_RATE * min(rates.values()):
         got = " and ".join(f"{name} of {rate:.10g} Hz" for name, rate in rates.items())
         raise RecordingFormatError(f"{where}: expected attributes that state one sample rate; got {got}")
+    if not rates:
+        return ChannelTime()
+    start, offset, zero = _start_of(signal, where)
+    offset, start = (offset, start) if zero is None else (0.0, start or 0.0)
+    start = 0.0 if offset and start is None else start
+    return replace(even_time(math.prod(signal.shape), next(iter(rates.values())), start, zero), offset=offset)
+
+
+def _start_of(signal: _Signal, where: str) -> tuple[float | None, float, datetime | None]:
+    """Return what attributes say of the start: seconds behind that of the recording, those since some day, the zero."""
     start, offset, zero = None, 0.0, None
     for value in (signal.stated[name] for name in _STARTS if name in signal.stated):
         if isinstance(value, float):
@@ -240,11 +265,7 @@ def _time_of(signal: _Signal, where: str) -> ChannelTime:
             with suppress(RecordingFormatError, ValueError):
                 offset = datetime.fromisoformat(value).replace(tzinfo=UTC).timestamp()
                 zero = parse_instant(value, where)
-    if not rates:
-        return ChannelTime()
-    offset, start = (offset, start) if zero is None else (0.0, start or 0.0)
-    start = 0.0 if offset and start is None else start
-    return replace(even_time(math.prod(signal.shape), next(iter(rates.values())), start, zero), offset=offset)
+    return start, offset, zero
 
 
 def _samples(file: "h5py.File", signals: list[_Signal], number: int, path: Path) -> SampleArray | Stored:

@@ -343,13 +343,14 @@ def _time_source(top: Fields) -> TimeSource | None:
             if name in fields:
                 raise RecordingFormatError(f"{fields.where}: expected {name} with format; got it with unit")
         unit = fields.optional_text("unit")
-        factor = None if unit is None else factor_to_si(unit, Quantity.TIME, f"{fields.where}, unit")
+        if unit is not None:
+            factor_to_si(unit, Quantity.TIME, f"{fields.where}, unit")
         counts_at = fields.optional_positive("sample_rate_hz", "Hz")
         if counts_at is not None and (unit is not None or channel is None):
             raise RecordingFormatError(
                 f"{fields.where}: expected sample_rate_hz with a channel of sample numbers alone"
             )
-        return TimeSource(channel, factor, unit, row=row, column=column, counts_at=counts_at)
+        return TimeSource(channel, unit, row=row, column=column, counts_at=counts_at)
     if "unit" in fields:
         raise RecordingFormatError(f"{fields.where}: expected unit for numbers or format for texts; got both")
     channel = fields.text("channel")
@@ -357,7 +358,7 @@ def _time_source(top: Fields) -> TimeSource | None:
     if form != "iso" and "%" not in form:
         raise RecordingFormatError(f"{fields.where}, format: expected 'iso' or a pattern of strptime; got {form!r}")
     date, zone = fields.optional_text("date"), fields.optional_text("zone")
-    return TimeSource(channel, None, None, form, date, None if zone is None else zone_of(zone, fields.where))
+    return TimeSource(channel, None, form, date, None if zone is None else zone_of(zone, fields.where))
 
 
 def _resampling(top: Fields) -> Resampling | None:

@@ -48,8 +48,7 @@ class TimeSource:
     """Which channel holds sampling times, and what they are: numbers of a unit or of samples, or texts of a date."""
 
     channel: str | None  # None: each signal names its own
-    factor: float | None  # of numbers, to seconds; None: texts, or the file says it
-    unit: str | None = None
+    unit: str | None = None  # of numbers; None: texts, or the file says it
     form: str | None = None  # of texts: "iso" or a pattern of strptime
     date: str | None = None  # channel of texts in front of it
     zone: tzinfo | None = None  # where the texts carry none

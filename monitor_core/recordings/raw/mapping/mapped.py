@@ -24,7 +24,7 @@ from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.mapping.counts import unwrapped
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MappedChannel, TimeSource
 from monitor_core.recordings.raw.mapping.resampled import resample
-from monitor_core.recordings.raw.mapping.stated_units import agreed_unit, resolved
+from monitor_core.recordings.raw.mapping.stated_units import agreed_unit, resolved, unknown_unit
 from monitor_core.recordings.raw.mapping.times import times_of
 
 #: So far may the start of a window be off what the map says: programs write clocks to the second [s].
@@ -63,6 +63,8 @@ def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_m
     times = from_one_zero(stated)
     names, shapes = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
     remarks += _rates_open(names, stated)
+    for signal, source in found:
+        remarks += unknown_unit(source, signal, f"{where}, {signal.name}")
     how, flat = channel_map.resampling, all(samples.ndim == 1 for samples in values)
     zero, first = times[0].zero, min((of.runs[0].start or 0.0) for of in times)
     started_at = None if zero is None else zero + timedelta(seconds=first)

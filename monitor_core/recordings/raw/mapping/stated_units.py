@@ -37,6 +37,13 @@ def resolved(source: MappedChannel, channel: Channel, where: str) -> MappedChann
     return source
 
 
+def unknown_unit(source: MappedChannel, channel: Channel, where: str) -> tuple[str, ...]:
+    """Say of a unit of the file that it is none known here, so that nothing holds it against that of the map."""
+    unknown = source.unit and any(map(str.isalpha, channel.unit or "")) and unit_of(channel.unit) is None
+    said = f"{where}: the file says {channel.unit!r}, which is no unit known here; {source.unit!r} of the map is used"
+    return (said,) if unknown else ()
+
+
 def resolved_response(source: MappedChannel, response: FrequencyResponse, where: str) -> MappedChannel:
     """Return the same of a frequency response, whose file states what answers and what it is divided by."""
     above, below = response.response_unit, response.reference_unit
