@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 
 import numpy as np
@@ -180,8 +180,12 @@ class Visit:
     span: float = 0.020  # between positions [m]
 
 
-#: A sender that never pauses begins another measurement after so long: what came hours later is another state.
-LONGEST_MEASUREMENT = timedelta(hours=12)
+#: A sender that never pauses begins another measurement at noon and at midnight (UTC): what came hours later is another
+#: state. The cut hangs on the clock, so that one more window moves the next cut, and not all that follow; what began
+#: within the last half of it goes on to the next.
+_HALF_DAY, _A_MIDNIGHT = timedelta(hours=12), datetime(2000, 1, 1, tzinfo=UTC)
+#: Windows of a measurement: the most that it can be set to wait for. It is read and judged again with each further one.
+_MOST_WINDOWS = 1000
 #: Preloads that were set on purpose and differ by more are two settings; readings of a load cell scatter by less.
 _OTHER_SETTING = 0.05
 _ROUNDING = 1e-9  # of positions that were millimetres [m]
@@ -191,8 +195,9 @@ def measurements_of(windows: Iterable[Placed], visit: Visit = Visit()) -> list[l
     """Tell which windows make one measurement: a name is not enough, senders use one again and again.
 
     A measurement is the windows of one name that follow each other in their own time, with no longer pause than
-    ``visit.pause``, at one place and one preload that was set. A window farther away begins another measurement of the
-    same name, and so does one at a place that was left and is come back to.
+    ``visit.pause``, at one place, and at one preload that was set or all at none. A window farther away begins another
+    measurement of the same name, and so does one at a place that was left and is come back to. What never pauses is cut
+    at noon and midnight (UTC), and after a thousand windows.
 
     Parameters
     ----------
@@ -219,12 +224,15 @@ def measurements_of(windows: Iterable[Placed], visit: Visit = Visit()) -> list[l
 
 def _begins_another(measurement: list[Placed], window: Placed, visit: Visit) -> bool:
     first, before = measurement[0], measurement[-1]
-    if window.started_at - before.ended_at > visit.pause or window.started_at - first.started_at > LONGEST_MEASUREMENT:
+    if window.started_at - before.ended_at > visit.pause or len(measurement) >= _MOST_WINDOWS:
+        return True
+    begun, now = first.started_at - _A_MIDNIGHT, window.started_at - _A_MIDNIGHT
+    if now // _HALF_DAY > (begun + _HALF_DAY / 2) // _HALF_DAY:
         return True
     if abs(window.position - first.position) > visit.span + _ROUNDING:
         return True
-    if window.preload is None or first.preload is None:
-        return False
+    if window.preload is None or first.preload is None:  # what was not set on purpose is no setting
+        return window.preload is not first.preload
     return abs(window.preload - first.preload) > _OTHER_SETTING * max(window.preload, first.preload)
 
 

@@ -30,6 +30,8 @@ from service.store.tables import (
 OPEN, JUDGED, REFUSED = "open", "judged", "refused"
 #: Of a refusal, as it fits into a row.
 LONGEST_DETAIL = 500
+#: Of a pin.
+LONGEST_REASON = 1000
 
 
 @dataclass(slots=True)
@@ -110,9 +112,9 @@ class StoredMember:
     accepted: bool
 
 
-_AXES, _MEASUREMENTS, _WINDOWS, _DOCUMENTS = (
+_AXES, _MEASUREMENTS, _WINDOWS, _DOCUMENTS, _PINS = (
     mapped.metadata.tables[mapped.__tablename__]
-    for mapped in (AxisRow, MeasurementRow, WindowRow, MeasurementDocumentRow)
+    for mapped in (AxisRow, MeasurementRow, WindowRow, MeasurementDocumentRow, PinRow)
 )
 # Statements are built once: to build one takes longer than to run it.
 _CHARTS = select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
@@ -263,14 +265,28 @@ def move_window(connection: Connection, axis_id: str, started_at: datetime, meas
     connection.execute(moved.values(measurement_id=measurement_id))
 
 
+def keep_pinned(connection: Connection, before: int, after: int) -> None:
+    """Pin a measurement as that is pinned, if so, which windows of it were of; where both are, for both reasons."""
+    pinned = connection.execute(select(_PINS).where(_PINS.c.measurement_id.in_([before, after]))).mappings()
+    pins = {pin["measurement_id"]: pin for pin in pinned}
+    if before not in pins:
+        return
+    reason = pins[before]["reason"]
+    if after not in pins:
+        own = {name: value for name, value in pins[before].items() if name != "id"}
+        connection.execute(insert(_PINS), own | {"measurement_id": after})
+    elif reason not in pins[after]["reason"]:
+        both = f"{pins[after]['reason']}; {reason}"
+        if len(both) <= LONGEST_REASON:  # else that of the earlier measurement stays
+            connection.execute(update(_PINS).where(_PINS.c.measurement_id == after).values(reason=both))
+
+
 def join_measurement(connection: Connection, gone: MeasurementRecord, into: int) -> None:
     """Remove a measurement whose windows are of another one now; what is left of it goes there."""
     connection.execute(delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == gone.id))
     connection.execute(delete(RejudgedRow).where(RejudgedRow.measurement_id == gone.id))
-    pinned = connection.scalar(select(PinRow.id).where(PinRow.measurement_id == into))
-    if pinned is not None:
-        connection.execute(delete(PinRow).where(PinRow.measurement_id == gone.id))
-    for row in (WindowRow, PinRow, AlarmRow):
+    connection.execute(delete(PinRow).where(PinRow.measurement_id == gone.id))  # kept by keep_pinned
+    for row in (WindowRow, AlarmRow):
         connection.execute(update(row).where(row.measurement_id == gone.id).values(measurement_id=into))
     removed = delete(_MEASUREMENTS).where(_MEASUREMENTS.c.id == gone.id, _MEASUREMENTS.c.revision == gone.revision)
     _expect_one(gone, connection.execute(removed).rowcount)

@@ -380,8 +380,14 @@ GROUPED = {
     "a pause": ([(0, 500, None), (602, 500, None), (604, 500, None)], [[0], [1, 2]]),
     "within the limit of the first": ([(0, 500, None), (2, 519, None), (4, 521, None)], [[0, 1], [2]]),
     "left and come back to": ([(0, 500, None), (2, 600, None), (4, 500, None)], [[0], [1], [2]]),
-    "another preload": ([(0, 500, 300.0), (2, 500, 305.0), (4, 500, 150.0), (6, 500, None)], [[0, 1], [2, 3]]),
-    "no pause for a day": ([(550 * i, 500, None) for i in range(158)], [list(range(79)), list(range(79, 158))]),
+    "another preload": ([(0, 500, 300.0), (2, 500, 305.0), (4, 500, 150.0), (6, 500, None)], [[0, 1], [2], [3]]),
+    "none before each": ([(0, 500, None), (2, 500, 300.0), (4, 500, 500.0)], [[0], [1], [2]]),
+    "more than a thousand": ([(2 * i, 500, None) for i in range(1003)], [list(range(1000)), [1000, 1001, 1002]]),
+    "no pause for a day": (  # from five in the morning, UTC
+        [(550 * i, 500, None) for i in range(158)],
+        [list(range(46)), list(range(46, 125)), list(range(125, 158))],
+    ),
+    "through noon": ([(25200 + 550 * i, 500, None) for i in range(-30, 3)], [list(range(33))]),
     "out of order": ([(700, 500, None), (0, 500, None), (702, 500, None)], [[1], [0, 2]]),
 }
 

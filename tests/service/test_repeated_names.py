@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import preload_client
+from monitor_core import recording
 from monitor_core.recording import Conditions, Session, Window, measurements_of
 from monitor_core.recordings.session_hdf5 import open_session, write_session
 from service.cli.remote.client import Client, window_document
@@ -64,11 +65,8 @@ class Memory:
         for item in admission.admitted:
             if item.refusal is None:
                 self.members[item.of.row.id][item.placed.started_at] = StoredMember(item.placed, item.accepted)
-        for start, measurement in admission.moved:
-            (old,) = [
-                number for number, of_it in self.members.items() if start in of_it and number != measurement.row.id
-            ]
-            self.members[measurement.row.id][start] = self.members[old].pop(start)
+        for start, before, measurement in admission.moved:
+            self.members[measurement.row.id][start] = self.members[before.row.id].pop(start)
         for gone in admission.joined:
             assert not self.members.pop(gone.row.id)
             del self.rows[gone.row.id]
@@ -91,7 +89,7 @@ def random_requests(random: Random) -> list[list[Window]]:
     windows, at = [], START
     for _ in range(random.randint(1, 24)):
         at += timedelta(seconds=random.choice(PAUSES_S))
-        position, preload = random.choice([(0.5, None)] * 4 + [(0.515, None), (0.53, None), (0.5, 300.0)])
+        position, preload = random.choice([(0.5, None)] * 4 + [(0.515, None), (0.53, None), (0.5, 300.0), (0.5, 500.0)])
         conditions = Conditions(position, preload=preload)
         windows.append(replace(WINDOW, started_at=at, measurement=random.choice("XXXY"), conditions=conditions))
     random.shuffle(windows)
@@ -104,8 +102,11 @@ def as_set(groups: object) -> set[tuple[datetime, ...]]:
 
 
 @pytest.mark.parametrize("n_histories", canary([150, 5000]))
-def test_any_order_and_cut_makes_the_measurements_of_the_whole(n_histories: int) -> None:
+def test_any_order_and_cut_makes_the_measurements_of_the_whole(
+    n_histories: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for seed in range(n_histories):
+        monkeypatch.setattr(recording, "_MOST_WINDOWS", 3 if seed % 3 == 0 else 1000)
         random, memory = Random(seed), Memory()  # noqa: S311 - no secret
         requests = random_requests(random)
         for windows in requests:
@@ -132,6 +133,34 @@ def test_what_lies_between_two_windows_of_a_request_is_not_looked_at() -> None:
     memory.take(at(0.0, 1800.0, 3600.0 * n_between, 3600.0 * n_between + 2.0), complete=True)
     assert sorted(len(members) for members in memory.members.values()) == [1] * (n_between + 1) + [2]
     assert memory.n_loads <= 4
+
+
+def test_late_window_of_a_sender_that_never_pauses_changes_what_is_near_it() -> None:
+    memory, started = Memory(), [250.0 * i for i in range(8 * 24 * 14)]
+    late_starts = Random(7).sample(started[1:], 30)  # noqa: S311 - no secret
+    late, sent = at(*late_starts), at(*(seconds for seconds in started if seconds not in late_starts))
+    sent += at(*(seconds + 1.0 for seconds in started[700:900:50]), position=0.1)
+    for first in range(0, len(sent), 100):
+        memory.take(sent[first : first + 100], complete=True)
+    for window in [*late, *at(86400.0 * 3 + 7, position=0.1)]:
+        admission = memory.take([window], complete=True)
+        assert len(admission.changed()) + len(admission.joined) <= 4, window.started_at
+        sent.append(window)
+    whole = measurements_of(window.placed for window in sent)
+    assert as_set(memory.members.values()) == as_set([w.started_at for w in group] for group in whole)
+    lengths = [row.ended_at - row.started_at for row in memory.rows.values()]
+    assert max(lengths) <= timedelta(hours=18)
+
+
+def test_window_that_would_change_many_measurements_is_refused_and_changes_none() -> None:
+    memory = Memory()
+    for number in range(21):
+        memory.take(at(605.0 * number), complete=True)
+    bridges = [605.0 * number + 300.0 for number in range(20)]
+    assert {item.refusal.reason for item in memory.take(at(*bridges), complete=True).admitted} == {"too-late"}
+    assert [len(members) for members in memory.members.values()] == [1] * 21
+    memory.take(at(*bridges[:3]), complete=True)
+    assert sorted(len(members) for members in memory.members.values()) == [1] * 17 + [7]
 
 
 def test_window_within_a_closed_measurement_is_refused_whatever_came_before_it_in_its_request() -> None:
@@ -270,6 +299,38 @@ def test_who_waits_longer_lets_windows_be_as_far_apart(shared_api: Api) -> None:
         shared_api.accept(axis, recorded("X", 300.0)[1:2], complete=True)
         found[timeout_s, pause_s] = [windows_in(shared_api, axis, point) for point in shared_api.trend(axis)]
     assert found == {(3600.0, None): [5], (60.0, None): [4], (3600.0, 600.0): [4]}
+
+
+def test_what_is_made_of_pinned_windows_is_pinned(shared_api: Api) -> None:
+    shared_api.register("parted")
+    shared_api.accept("parted", FIRST, complete=True)
+    (whole,) = (point["measurement_id"] for point in shared_api.trend("parted"))
+
+    def pin(measurement: int, reason: str) -> None:
+        pin = {"measurement": measurement, "reason": reason}
+        assert shared_api.http.post("/v1/axes/parted/pins", json=pin).status_code == 201
+
+    def pins() -> dict[int, str]:
+        listed = shared_api.http.get("/v1/axes/parted/pins").json()["pins"]
+        return {pin["measurement_id"]: pin["reason"] for pin in listed}
+
+    pin(whole, "of interest")
+    between = FIRST[3].ended_at + (FIRST[4].started_at - FIRST[3].ended_at) / 2
+    elsewhere = replace(FIRST[0], started_at=between, conditions=Conditions(0.1))
+    shared_api.accept("parted", [elsewhere], complete=True)
+    parts = {point["measurement_id"]: point["position_mm"] for point in shared_api.trend("parted")}
+    assert pins() == {number: "of interest" for number, position in parts.items() if position != 100.0}
+    assert len(pins()) == 2
+
+    bridged = [replace(w, started_at=DAY + START + 300 * i * SECOND) for i, w in enumerate(FIRST)]
+    for part in (bridged[:3], bridged[5:]):
+        shared_api.accept("parted", part, complete=True)
+    first, second = (point["measurement_id"] for point in shared_api.trend("parted")[-2:])
+    pin(first, "before")
+    pin(second, "after")
+    shared_api.accept("parted", bridged[3:5])
+    assert pins()[first] == "before; after"
+    assert second not in pins()
 
 
 def test_what_is_joined_keeps_its_alarms_and_pins(shared_api: Api) -> None:

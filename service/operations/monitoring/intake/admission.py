@@ -19,6 +19,8 @@ from service.store.intake import OPEN, MeasurementRecord, StoredMember
 #: A window that says it began so long after it arrived comes from a clock that is wrong: put into the charts, it would
 #: make everything that is measured until then too old for them.
 MOST_AHEAD = timedelta(minutes=10)
+#: Stored measurements that new windows may change in a row: each is read and judged again, while other axes wait.
+MOST_CHANGED = 20
 
 
 class StoredHistory(Protocol):
@@ -69,7 +71,7 @@ class Admission:
     history: StoredHistory
     admitted: list[Member] = field(default_factory=list)  # new windows, in the order of their time
     measured: dict[datetime, Measured] = field(default_factory=dict)  # by the start of each window that was looked at
-    moved: list[tuple[datetime, Measured]] = field(default_factory=list)  # stored windows, by their start
+    moved: list[tuple[datetime, Measured, Measured]] = field(default_factory=list)  # stored windows: start, from, to
     joined: dict[Measured, Measured] = field(default_factory=dict)  # measurements that are a part of another now
 
     def admit(self, windows: Sequence[Window], gate: Callable[[Window], Rejection | None]) -> None:
@@ -119,7 +121,7 @@ class Admission:
         members, ahead = [new[0]], list(new[1:])
         visit, hollow = visit_of(self.configuration), list[Measured]()
         name, first = new[0].placed.name, new[0].placed.started_at
-        looked_until, waiting, seen = first, list[Measured](), set[Measured]()
+        looked_until, waiting, seen, taken = first, list[Measured](), set[Measured](), list[Measured]()
         while members:
             until = max(member.placed.ended_at for member in members) + visit.pause
             if until > looked_until:
@@ -149,6 +151,11 @@ class Admission:
                 members = self._kept_out(members, following, why, visit)
             else:
                 members += stored
+                taken.append(following)
+                if len(taken) > MOST_CHANGED:
+                    why = f"late windows may change {MOST_CHANGED} stored measurements in a row; these change more"
+                    self._refuse([member for member in members if member.window is not None], taken[0], why)
+                    return [], hollow, ahead
         return [], hollow, ahead
 
     @staticmethod
@@ -177,10 +184,13 @@ class Admission:
             for member in group
             if member.window is not None
         ]
-        for member in refused:
-            member.refusal, member.accepted, member.of = Rejection(RejectionReason.TOO_LATE, why), False, closed
-            self.measured[member.placed.started_at] = closed
+        self._refuse(refused, closed, why)
         return [member for member in members if member not in refused]
+
+    def _refuse(self, new: Sequence[Member], of: Measured, why: str) -> None:
+        for member in new:
+            member.refusal, member.accepted, member.of = Rejection(RejectionReason.TOO_LATE, why), False, of
+            self.measured[member.placed.started_at] = of
 
     def _distribute(self, groups: Sequence[list[Member]], hollow: list[Measured]) -> None:
         """Let the windows of each group be one measurement: that which the first of them is of, or a new one."""
@@ -197,7 +207,7 @@ class Admission:
             for member in group:
                 self.measured[member.placed.started_at] = measurement
                 if member.of is not None and member.of is not measurement:
-                    self.moved.append((member.placed.started_at, measurement))
+                    self.moved.append((member.placed.started_at, member.of, measurement))
                     left.setdefault(member.of, measurement)
                 member.of = measurement
             if measurement.has_changed:

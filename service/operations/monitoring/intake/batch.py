@@ -227,8 +227,10 @@ class Batch:
             if measurement.row.status == OPEN:
                 intake.save_measurement(connection, measurement.row)
         intake.add_windows(connection, self._window_records(places))
-        for start, measurement in self._admission.moved:
+        for start, _, measurement in self._admission.moved:
             intake.move_window(connection, self.axis.id, start, _number(measurement))
+        for before, measurement in dict.fromkeys((before, to) for _, before, to in self._admission.moved):
+            intake.keep_pinned(connection, _number(before), _number(measurement))
         for gone, measurement in self._admission.joined.items():
             intake.join_measurement(connection, gone.row, _number(measurement))
         settled = settle(connection, self.axis, self._judged, self.calibration, refused_windows=self._refusals())
