@@ -1,6 +1,7 @@
 """What ``check`` lists of a file: channels with figures of their values, faults that are seen, quantities in doubt."""
 
 import re
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import h5py
@@ -12,6 +13,7 @@ from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import check_file, write_session
 from monitor_core.recordings.elements.units import Quantity, factor_to_si
 from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of_name, unit_in_name
+from monitor_core.recordings.raw.channel_time import ChannelTime, Run
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.inspection import read_as_proposed, summaries_of, summary_of
 from tests.conftest import PROJECT_ROOT
@@ -114,6 +116,21 @@ def test_uneven_and_falling_times_are_said():
         "steps of 0.0003 to 0.0004: rounded in print, or uneven",
     )
     assert summary_of(Channel("time", TIME, "s")).remarks == ()
+
+
+def test_breaks_of_a_channel_are_said():
+    def remarks(*runs):
+        samples = noise()[: 256 * len(runs)]
+        return summary_of(Channel("acc", samples, "g", ChannelTime(runs=runs))).remarks
+
+    missing, end = "samples are missing behind sample 255", "; no window crosses it"
+    first, counted = Run(256, 0.0, 1024.0), replace(Run(256), mark="row 257 'overrun'", n_lost=50)
+    assert remarks(first, Run(256, 10.0, 1024.0)) == (f"{missing}: for 9.75 s{end}",)  # 256 samples at 1024 Hz: 0.25 s
+    assert remarks(first, Run(256)) == (f"{missing}: how many, the file does not say{end}",)
+    assert remarks(Run(256), counted) == (f"{missing}, where row 257 'overrun' stands: 50 of them{end}",)
+    assert remarks(first, Run(256, 0.25, 2048.0)) == remarks(Run(256), replace(counted, n_lost=0)) == ()
+    many = remarks(*(Run(256, 10.0 * number, 1024.0) for number in range(10)))
+    assert (len(many), many[-1]) == (6, "and 4 breaks more")
 
 
 # ---- what it looks like -------------------------------------------------------------------------------------------

@@ -124,6 +124,13 @@ def time_of_step(n_samples: int, step: float, n_digits: int, start: float | None
     return ChannelTime(runs=(Run(n_samples, start, rate),), open_by=0.0 if is_said else open_by)
 
 
+def missing_samples(place: str, seconds: float | None, n_lost: int | None = None) -> str:
+    """Say that samples are missing at a place, and for how long [s], or how many; ``None``: the file does not say."""
+    much = "how many, the file does not say" if n_lost is None else f"{n_lost} of them"
+    much = much if seconds is None else f"for {seconds:.6g} s"
+    return f"samples are missing {place}: {much}; no window crosses it"
+
+
 def from_one_zero(times: Sequence[ChannelTime]) -> list[ChannelTime]:
     """Count the times of channels from one zero: the earliest that the file says."""
     zero = min((time.zero for time in times if time.zero is not None), default=None)

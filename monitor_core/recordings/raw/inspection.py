@@ -1,9 +1,10 @@
 """Look at the channels of a raw file: what the file states of each, and what its values show."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from monitor_core.recordings.raw.channel_kind import (
     kind_of_unit,
     unit_in_name,
 )
+from monitor_core.recordings.raw.channel_time import ChannelTime, missing_samples
 from monitor_core.recordings.raw.channels import HEAD, Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import READERS, READERS_WITH_LAYOUT, read_channels
 from monitor_core.recordings.raw.sample_figures import SampleFigures
@@ -27,7 +29,7 @@ from monitor_core.recordings.raw.text import columns
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.recognition import raw_ending
 
-#: How many values of a channel are shown.
+#: How many values of a channel are shown, and how many breaks.
 N_FIRST = 5
 #: A channel that holds one value off its rest level for such a share of the record is stuck (as in the quality gate).
 STUCK_SHARE = 0.1
@@ -153,7 +155,11 @@ def _summary(channel: Channel, figures: SampleFigures) -> ChannelSummary:
         maximum=figures.maximum,
         n_not_finite=figures.n_not_finite,
     )
-    return _judged(summary, figures, channel.gaps)
+    judged = _judged(summary, figures, channel.gaps)
+    breaks = list(_breaks(channel.time)) if len(channel.shape) == 1 else []
+    if len(breaks) > N_FIRST:
+        breaks[N_FIRST:] = [f"and {len(breaks) - N_FIRST} breaks more"]
+    return replace(judged, remarks=(*judged.remarks, *breaks))
 
 
 def is_of_time(kind: ChannelKind | None) -> bool:
@@ -206,6 +212,21 @@ def _judged(summary: ChannelSummary, figures: SampleFigures, gaps: str) -> Chann
         summary, is_constant=constant, is_stuck=stuck, is_clipped=clipped,
         remarks=tuple(remarks), doubts=tuple(_doubts(summary, kept)),
     )  # fmt: skip
+
+
+def _breaks(time: ChannelTime) -> Iterator[str]:
+    """Say where the samples of a channel have a break, and how long it is."""
+    behind = 0
+    for run, later in pairwise(time.runs):
+        behind += run.n_samples
+        seconds = None
+        if run.start is not None and later.start is not None and run.sample_rate is not None:
+            seconds = later.start - run.start - run.n_samples / run.sample_rate
+            if seconds < 0.5 / run.sample_rate:
+                continue  # another rate without a pause
+        if later.n_lost != 0:
+            mark = f", where {later.mark} stands" if later.mark else ""
+            yield missing_samples(f"behind sample {behind - 1}{mark}", seconds, later.n_lost)
 
 
 def _is_clipped(figures: SampleFigures, held: int) -> bool:

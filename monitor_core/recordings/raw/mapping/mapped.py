@@ -16,6 +16,7 @@ from monitor_core.recordings.raw.channel_time import (
     Run,
     are_together,
     from_one_zero,
+    missing_samples,
     printed_digit,
     seconds_apart,
     time_of_samples,
@@ -133,8 +134,7 @@ def _starts(runs: Sequence[Run]) -> tuple[float, ...]:
 
 
 def _missing(where: str, place: str, seconds: float | None) -> str:
-    much = "how many, the file does not say" if seconds is None else f"for {seconds:.6g} s"
-    return f"{where}: samples are missing {place}: {much}; no window crosses it"
+    return f"{where}: {missing_samples(place, seconds)}"
 
 
 def signal_of(channels: Channels, source: MappedChannel) -> tuple[Channel, MappedChannel]:
