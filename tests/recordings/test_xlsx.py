@@ -102,10 +102,12 @@ def test_dates_count_from_the_first_date_of_any_column_where_some_begin_with_emp
     begin = datetime(2025, 3, 1, 6)  # noqa: DTZ001  # a sheet has no time zone
     rows = [(begin if i == 3 else None, begin + timedelta(seconds=i), i) for i in range(6)]
     path = written(tmp_path, ("Event", "Time", "force"), *rows)
+    without_format = xlsx.read_channels(path).channel("Event")
     book = openpyxl.load_workbook(path)
     book.active["A2"].number_format = book.active["B2"].number_format
     book.save(path)
     channels = xlsx.read_channels(path)
+    np.testing.assert_array_equal(without_format.samples, channels.channel("Event").samples)
     np.testing.assert_array_equal(channels.channel("Time").samples, range(6))
     np.testing.assert_array_equal(channels.channel("Event").samples, [np.nan, np.nan, np.nan, 0.0])
 

@@ -66,6 +66,7 @@ class _Column:
     first_text: tuple[int, str] | None = None  # row and text
     are_dates: bool | None = None  # the numbers; None: there are none yet
     n_empty: int = 0  # cells since the last number
+    number_format: str | None = None  # of the first cell that holds something
 
     def add(self, value: object, *, is_date: bool, row: int, where: str) -> None:
         if value is None:
@@ -101,9 +102,9 @@ def read_channels(path: Path, layout: Layout | None = None) -> Channels:
     with _opened(path) as book:
         sheet = _sheet(book, layout, path.name)
         where = f"{path.name}, {sheet.title}"
-        columns, first_row = _columns(sheet, layout, where)
+        columns = _columns(sheet, layout, where)
         left_out = tuple(_texts(columns.values()))
-        return Channels(path.name, _channels(columns, _formats(sheet, first_row), where), left_out=left_out)
+        return Channels(path.name, _channels(columns, where), left_out=left_out)
 
 
 def _texts(columns: Iterable[_Column]) -> Iterator[str]:
@@ -187,8 +188,8 @@ def _cells_of(
             yield number, values, cells
 
 
-def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> tuple[dict[int, _Column], int]:
-    """Return the columns by their place, counted from 0, and the first row of numbers."""
+def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> dict[int, _Column]:
+    """Return the columns by their place, counted from 0."""
     header_row = None if layout is None else layout.header_row
     unit_row = (layout.unit_row if layout is not None else None) or 0
     heads: dict[int, tuple[object, ...]] = {}
@@ -210,6 +211,7 @@ def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> tuple[dict[in
             if place not in columns and cell is not None:
                 columns[place] = _column(place, heads, header_row or 0, unit_row, where)
                 columns[place].n_empty = n_rows
+                columns[place].number_format = getattr(row[place], "number_format", None)
         for place, column in columns.items():
             value = cells[place] if place < len(cells) else None
             is_date = value is not None and getattr(row[place], "_style_id", None) in dates
@@ -217,7 +219,7 @@ def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> tuple[dict[in
         n_rows += 1
     if not columns:
         raise RecordingFormatError(f"{where}: expected numbers from row {first_row or 1} on; got none")
-    return columns, first_row
+    return columns
 
 
 def _require_at_top(header_row: int, number: int, cells: tuple[object, ...], where: str) -> int:
@@ -250,29 +252,26 @@ def _column(place: int, heads: dict[int, tuple[object, ...]], header_row: int, u
     return _Column(name, (head(unit_row) or None) if unit_row else None)
 
 
-def _formats(sheet: "Sheet", first_row: int) -> dict[int, str]:
-    """Return how the first row of numbers is shown: "date", "duration", or nothing for numbers."""
+def _shown_as(number_format: str | None) -> str | None:
+    """Return how a column is shown: "date", "duration", or nothing for numbers."""
     from openpyxl.styles.numbers import is_date_format, is_timedelta_format  # noqa: PLC0415
 
-    formats = {}
-    for cells in sheet.iter_rows(min_row=first_row, max_row=first_row):
-        for place, cell in enumerate(cells):
-            shown = getattr(cell, "number_format", None)
-            if is_timedelta_format(shown):
-                formats[place] = "duration"
-            elif is_date_format(shown):
-                # a time of day alone counts from midnight
-                formats[place] = "date" if any(letter in str(shown).lower() for letter in "yd") else "duration"
-    return formats
+    if is_timedelta_format(number_format):
+        return "duration"
+    if not is_date_format(number_format):
+        return None
+    # a time of day alone counts from midnight
+    return "date" if any(letter in str(number_format).lower() for letter in "yd") else "duration"
 
 
-def _channels(columns: dict[int, _Column], formats: dict[int, str], where: str) -> tuple[Channel, ...]:
+def _channels(columns: dict[int, _Column], where: str) -> tuple[Channel, ...]:
     kept = {place: column for place, column in sorted(columns.items()) if column.numbers}
     require_distinct([column.name for column in kept.values()], where)
     require_plausible_channels([(column.name, len(column.numbers)) for column in kept.values()], where)
-    dates = [column.numbers for place, column in kept.items() if formats.get(place) == "date"]
+    formats = {place: _shown_as(column.number_format) for place, column in kept.items()}
+    dates = [column.numbers for place, column in kept.items() if formats[place] == "date"]
     zero = min((next(filter(math.isfinite, numbers), math.inf) for numbers in dates), default=0.0)
-    return tuple(_channel(column, formats.get(place), zero) for place, column in kept.items())
+    return tuple(_channel(column, formats[place], zero) for place, column in kept.items())
 
 
 def _channel(column: _Column, shown_as: str | None, zero: float) -> Channel:
