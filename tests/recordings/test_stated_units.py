@@ -287,6 +287,7 @@ def test_vibrations_and_excitations_are_no_counts_that_wrap() -> None:
     signals += [
         driven + noise * rng.standard_normal(8000) for driven in (held, square, blows) for noise in (1e-3, 1e-2, 5e-2)
     ]
+    signals += [signal.repeat(10) for signal in signals[:2000]]  # as a slow channel beside a fast one
     assert [number for number, signal in enumerate(signals) if _refused(signal, source)] == []
     slow = np.mod(np.arange(8000) // 7, 256.0)  # an encoder that stands for seven samples at each count
     assert _refused(slow, source)

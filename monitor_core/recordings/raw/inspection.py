@@ -138,7 +138,7 @@ def summary_of(channel: Channel) -> ChannelSummary:
     figures = SampleFigures()
     for piece in channel.pieces():
         figures.add(piece)
-    return _summary(channel, figures)
+    return replace(_summary(channel, figures), started_at=channel.time.started_at)
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -13,8 +13,9 @@ from monitor_core.recordings.raw.mapping.map_records import MappedChannel
 _USUAL = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 18, 20, 24, 32)), 360.0, 400.0, 2.0 * np.pi)
 #: A step by more than this share of all that is covered is no motion of one sample …
 _JUMP = 0.6
-#: … where steps are usually below this share of it.
-_USUAL_STEP = 0.1
+#: … where steps are usually below this share of it, and none but the jumps is larger than that: noise has steps of every
+#: size.
+_USUAL_STEP, _LARGEST_STEP = 0.1, 0.3
 #: So many steps on either side of a jump show which way it went: straight, and as fast before as behind.
 _N_AROUND, _STRAIGHT, _AS_FAST = 16, 0.75, 0.25
 _TOLERANCE = 0.02  # of a usual count: the sample before the wrap stands below it
@@ -66,6 +67,8 @@ def _wraps(steps: FloatArray, covered: float) -> BoolArray:
     if not covered > 0.0 or not jumps.any() or not np.nanmedian(size) < _USUAL_STEP * covered:
         return np.zeros_like(jumps)
     slow = np.where(jumps | ~np.isfinite(steps), 0.0, steps)
+    if np.max(np.abs(slow)) > _LARGEST_STEP * covered:
+        return np.zeros_like(jumps)
     along, way = (np.concatenate(([0.0], np.cumsum(of))) for of in (slow, np.abs(slow)))
     at = np.flatnonzero(jumps)
     first, last = np.maximum(at - _N_AROUND, 0), np.minimum(at + 1 + _N_AROUND, along.size - 1)
