@@ -13,8 +13,8 @@ from monitor_core.recordings.raw.mapping.map_records import MappedChannel
 _USUAL = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 18, 20, 24, 32)), 360.0, 400.0, 2.0 * np.pi)
 #: A step by more than this share of all that is covered is no motion of one sample …
 _JUMP = 0.6
-#: … where steps are usually below this share of it, and none but the jumps is larger than that: noise has steps of every
-#: size.
+#: … where steps are usually below this share of it, and none but the jumps is larger than that: noise has steps of
+#: every size.
 _USUAL_STEP, _LARGEST_STEP = 0.1, 0.3
 #: So many steps on either side of a jump show which way it went: straight, and as fast before as behind.
 _N_AROUND, _STRAIGHT, _AS_FAST = 16, 0.75, 0.25
