@@ -5,11 +5,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
+from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray, SampleArray, read_only, read_only_samples
 from monitor_core.errors import InvalidWindowError, OutsideValidityError
+
+Key = TypeVar("Key")
 
 
 class ExcitationQuantity(StrEnum):
@@ -236,17 +239,17 @@ def _begins_another(measurement: list[Placed], window: Placed, visit: Visit) -> 
     return abs(window.preload - first.preload) > _OTHER_SETTING * max(window.preload, first.preload)
 
 
-def told_apart(windows: Mapping[str, Placed]) -> dict[str, tuple[str, ...]]:
+def told_apart(windows: Mapping[Key, Placed]) -> dict[str, tuple[Key, ...]]:
     """Return the measurements of a session: the keys of their windows, by name.
 
     A name that several measurements have is followed by the start of each; ``windows``: by any key, in time order.
     """
-    keys: dict[int, str] = {id(window): key for key, window in windows.items()}
+    keys = {id(window): key for key, window in windows.items()}
     measured = measurements_of(windows.values())
     repeated: dict[str, int] = {}
     for members in measured:
         repeated[members[0].name] = repeated.get(members[0].name, 0) + 1
-    named: dict[str, tuple[str, ...]] = {}
+    named: dict[str, tuple[Key, ...]] = {}
     for members in measured:
         name = members[0].name
         if repeated[name] > 1:
@@ -265,11 +268,11 @@ class Session:
     windows: tuple[Window, ...]
     description: str = ""
     created: datetime | None = None
-    _members: Mapping[str, tuple[str, ...]] = field(init=False, repr=False)  # numbers of windows, by measurement
+    _members: Mapping[str, tuple[int, ...]] = field(init=False, repr=False)  # numbers of windows, by measurement
 
     def __post_init__(self) -> None:
-        numbered = {str(number): window.placed for number, window in enumerate(self.windows)}
-        object.__setattr__(self, "_members", told_apart(numbered))
+        placed = {number: window.placed for number, window in enumerate(self.windows)}
+        object.__setattr__(self, "_members", told_apart(placed))
 
     @property
     def measurements(self) -> tuple[str, ...]:
@@ -278,7 +281,7 @@ class Session:
 
     def windows_of(self, measurement: str) -> tuple[Window, ...]:
         """Return the windows of one measurement, in time order."""
-        return tuple(self.windows[int(number)] for number in self._members.get(measurement, ()))
+        return tuple(self.windows[number] for number in self._members.get(measurement, ()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

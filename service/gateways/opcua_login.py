@@ -26,7 +26,7 @@ class OneUser(UserManager):  # type: ignore[misc]  # the library's types are not
         self._name = username
         self._expected = f"{username}\n{password}".encode()
         self._throttle = LoginThrottle()
-        self._known = set[tuple[str, str]]()  # who was let in, from which host
+        self._known = set[str]()  # hosts from which the right password came
         self._told = set[str]()  # hosts that wait, and of which the log says so
 
     def get_user(
@@ -39,14 +39,15 @@ class OneUser(UserManager):  # type: ignore[misc]  # the library's types are not
         """Return who may read, None where name or password is another, or too many were."""
         del iserver, certificate
         address, name = _ADDRESS.get(), self._name if username == self._name else "another name"
-        host, is_known = host_of(address), (host_of(address), name) in self._known
+        host = host_of(address)
+        is_known = username == self._name and host in self._known
         if self._throttle.begin(address, name, at_s=time.monotonic(), is_known=is_known) > 0.0:
             self._tell_wait(host)
             return None
         self._told.discard(host)
         if hmac.compare_digest(f"{username}\n{password}".encode(), self._expected):
             self._throttle.right(address, name)
-            self._known.add((host, name))
+            self._known.add(host)
             return User(UserRole.User, username)
         log.warning("OPC UA: a wrong name or password came from %s", host)
         return None

@@ -93,7 +93,7 @@ class Purge:
         folder_before = folder_of_day(purge.lets_go_before)
         if self.rule.keep_raw_days == purge.keep_raw_days:
             self._settle(wait)
-            with self._database.connect() as connection, reading(connection):
+            with self._database.reading() as connection:
                 total = retention.count_files(connection, folder_before)
             done, at = 0, ""
             report(done, total)
@@ -124,7 +124,7 @@ class Purge:
     def _next(self, after: str, before: str) -> list[str]:
         """Return the next files to look at."""
         paths: list[str] = []
-        with self._database.connect() as connection, reading(connection):
+        with self._database.reading() as connection:
             while len(paths) < FILES_AT_ONCE and (path := retention.next_file(connection, after, before)) is not None:
                 paths.append(path)
                 after = path

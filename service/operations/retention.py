@@ -16,7 +16,7 @@ from service.documents.measurement import read_evidence
 from service.settings import Settings
 from service.store import measurements, retention
 from service.store.axes import get_axis
-from service.store.database import Database, reading
+from service.store.database import Database
 from service.store.lookup import existing_of
 from service.store.retention import StoredWindow, settled_with
 from service.store.tables import PinRow, PurgeRow
@@ -223,7 +223,7 @@ class Surveys:
     def newest(self) -> Survey:
         """Return a survey that is not older than a minute, nor than the newest purge or pin."""
         with self._lock:
-            with self._database.connect() as connection, reading(connection):
+            with self._database.reading() as connection:
                 changes = retention.changes(connection)
             if self._newest is None or time.monotonic() - self._newest[0] > FRESH_S or self._newest[1] != changes:
                 counted = survey(self._database, self._waveforms, self._rule, now())
@@ -236,7 +236,7 @@ def survey(database: Database, waveforms: WaveformStore, rule: Rule, at: datetim
     sizes, lets_go_before = dict(waveforms.sizes()), rule.lets_go_before(at)
     old = [] if lets_go_before is None else [path for path in sizes if path < folder_of_day(lets_go_before)]
     windows, taken, unnamed = Counter[Why | None](), Counter[Why | None](), 0
-    with database.connect() as connection, reading(connection):
+    with database.reading() as connection:
         holds: dict[str, Holds] = {}
         for path in old:
             stored = retention.windows_in(connection, path)

@@ -27,8 +27,8 @@ from service.store.waveforms import WaveformPlace
 
 #: One number for all who change what is kept; any that nothing else in this database takes.
 _LOCK = 7102026
-#: As the index has it: a bound value would hide from SQLite that the index answers.
 _N_PINS = select(func.count()).where(PinRow.axis_id == bindparam("axis_id"))
+#: As the index has it: a bound value would hide from SQLite that the index answers.
 _STORED = WindowRow.file_path != literal_column("''")
 
 

@@ -55,9 +55,6 @@ from service.operations.fields import (
 from service.store.axes import list_axes
 from service.store.tables import AxisRow
 
-#: A short timeout alone, which says when to judge, does not divide what is measured.
-LEAST_UNSET_PAUSE_S = 600.0
-
 
 class AxisConfiguration(RequestModel):
     """What an operator states about an axis. It is sent, stored and shown in this one form."""
@@ -194,10 +191,11 @@ def core_settings(configuration: AxisConfiguration) -> AxisSettings:
 @lru_cache(maxsize=1024)
 def visit_of(configuration: AxisConfiguration) -> Visit:
     """Return how far the windows of one measurement may be apart."""
-    pause_s = configuration.measurement_pause_s
-    if pause_s is None:
-        pause_s = max(configuration.measurement_timeout_s, LEAST_UNSET_PAUSE_S)
-    return Visit(timedelta(seconds=pause_s), metres(configuration.position_span_limit_mm))
+    span = metres(configuration.position_span_limit_mm)
+    if configuration.measurement_pause_s is not None:
+        return Visit(timedelta(seconds=configuration.measurement_pause_s), span)
+    # a short timeout alone, which says when to judge, does not divide what is measured
+    return Visit(max(timedelta(seconds=configuration.measurement_timeout_s), Visit().pause), span)
 
 
 def detector_settings(configuration: AxisConfiguration) -> DetectorSettings:

@@ -80,7 +80,7 @@ class History:
         state, design = load_state(row.monitor_state).detector, load_design(row.detector_design)
         line, false_alarms = self._remembered.of(
             ("long run", axis_id),
-            (sessions, row.active_calibration_id, row.epoch, row.detector_design),
+            (hash(tuple(sessions)), row.active_calibration_id, row.epoch, row.detector_design),
             lambda: _long_run(sessions, calibration, design, state.prior, row.epoch),
         )
         alert = alert_view(state, calibration, design.settings.baseline_size)

@@ -101,7 +101,7 @@ class Rejudgements:
             raise
 
     def _judge_aside(self, job: JobHandle, anew: Anew, asked: RejudgementIn) -> None:
-        with self._database.connect() as connection, reading(connection):
+        with self._database.reading() as connection:
             done, total = rejudged.progress_of(connection, job.job_id, job.axis_id, asked.span)
         job.report(done, total, {})
         for n_judged in self._judged(job.axis_id, anew, asked.span):

@@ -125,12 +125,16 @@ class Admission:
         while members:
             until = max(member.placed.ended_at for member in members) + visit.pause
             if until > looked_until:
-                around = self.history.called(name, first - visit.pause, until)
+                looked_until = until
+                for member in ahead:  # those that follow without a pause are looked for together
+                    if member.placed.started_at > looked_until:
+                        break
+                    looked_until = max(looked_until, member.placed.ended_at + visit.pause)
+                around = self.history.called(name, first - visit.pause, looked_until)
                 begun = [m for m in around if m.row.started_at <= first and self.load(m)]
                 newest = max(begun, key=lambda measurement: measurement.row.started_at, default=None)
                 passed = seen.union(measurement for measurement in begun if measurement is not newest)
                 waiting = [measurement for measurement in around if measurement not in passed]
-                looked_until = until
             stored = self.load(waiting[0]) if waiting else []
             before = stored[0].placed.started_at if stored else until
             if ahead and (stored or not waiting) and ahead[0].placed.started_at <= before:

@@ -17,7 +17,6 @@ from monitor_core.recordings.elements.units import to_millimetres
 from service.clock import now, text_of
 from service.documents.stored_measurement import StoredMeasurement
 from service.errors import ConflictError, WaveformDamagedError
-from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.admission import Admission, Measured
@@ -27,6 +26,7 @@ from service.store import intake
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import reading
 from service.store.intake import OPEN, AxisRecord, ChartsRecord, MeasurementRecord, StoredMember, WindowRecord
+from service.store.lookup import Remembered
 from service.store.measurements import places_at
 from service.store.retention import let_go
 from service.store.safekeeping.verification import heal
@@ -86,7 +86,7 @@ class KnownAxes:
 
     def __init__(self) -> None:
         self._calibrations = CalibrationsInForce()
-        self._configurations: dict[str, tuple[JsonObject, AxisConfiguration]] = {}
+        self._configurations = Remembered(MOST_KNOWN)
 
     def calibration_of(self, connection: Connection, axis: AxisRecord) -> Calibration | None:
         """Return the calibration in force on an axis."""
@@ -94,13 +94,7 @@ class KnownAxes:
 
     def configuration_of(self, axis: AxisRecord) -> AxisConfiguration:
         """Return the configuration of an axis; raises DocumentDamagedError if it cannot be read."""
-        remembered = self._configurations.get(axis.id)
-        if remembered is None or remembered[0] != axis.configuration:
-            remembered = axis.configuration, load_configuration(axis.configuration)
-            if len(self._configurations) >= MOST_KNOWN:
-                self._configurations.clear()
-            self._configurations[axis.id] = remembered
-        return remembered[1]
+        return self._configurations.of(axis.id, axis.configuration, lambda: load_configuration(axis.configuration))
 
 
 class _History:
@@ -191,9 +185,8 @@ class Batch:
             complete = self._admission.complete(said)
             for measurement in complete:
                 self._admission.load(measurement)
-            self._said_before = self._outcomes(
-                connection, {measurement for post in self.posts for measurement in self._measured(post)}
-            )
+            named = {measurement for post in self.posts for measurement in self._measured(post)}
+            self._said_before = self._outcomes(connection, named - set(complete))  # these are said anew
         for measurement in complete:
             with metrics.judging.time():
                 self._judged.append(self._judge(connection, waveforms, measurement))

@@ -23,7 +23,7 @@ from service.operations.monitoring.alarm_changes import PRELOAD_LOSS
 from service.operations.monitoring.intake.batch import Batch, IngestReceipt, KnownAxes, Post, by_axis
 from service.operations.monitoring.intake.judge import Settled
 from service.store import intake
-from service.store.database import Database, reading, writing
+from service.store.database import Database, writing
 from service.store.waveforms import WaveformStore
 
 log = logging.getLogger(__name__)
@@ -93,7 +93,7 @@ class Ingest:
 
     def close_overdue(self) -> None:
         """Judge measurements that no window came to for longer than their axis waits, with the windows they have."""
-        with self._database.connect() as connection, reading(connection):
+        with self._database.reading() as connection:
             overdue = intake.overdue(connection, now())
         for axis_id, number in overdue:
             self._round([Post(axis_id, (), overdue=frozenset({number}))], wait=True)
