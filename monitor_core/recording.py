@@ -183,6 +183,8 @@ class Visit:
     span: float = 0.020  # between positions [m]
 
 
+#: Measurements farther apart than this are of different sessions.
+SESSION_GAP = timedelta(hours=12)
 #: A sender that never pauses begins another measurement at noon and at midnight (UTC): what came hours later is another
 #: state. The cut hangs on the clock, so that one more window moves the next cut, and not all that follow; what began
 #: within the last half of it goes on to the next.

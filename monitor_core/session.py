@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Protocol
 
 from monitor_core.errors import NotIdentifiableError
@@ -18,7 +18,7 @@ from monitor_core.pipeline import (
 from monitor_core.preload import Calibration, CoefficientPrior, PreloadEstimate, Weighting
 from monitor_core.preload.doubts import of_whole_session, places_disagree
 from monitor_core.preload.estimate import place_reading
-from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
+from monitor_core.recording import SESSION_GAP, Conditions, Rejection, RejectionReason, Window
 
 
 class RecordedMeasurements(Protocol):
@@ -109,10 +109,6 @@ def modes_of_session(session: RecordedMeasurements, settings: AxisSettings, n_mo
             band = search_band(settings, None, gated.accepted[0])
             modes = measure_modes(gated.accepted, band=band, gate=settings.mode, n_modes=n_modes)
         yield MeasuredModes(SessionMeasurement(gated.name, gated.conditions, outcome, gated.refused), modes)
-
-
-#: Measurements farther apart than this are of different sessions.
-SESSION_GAP = timedelta(hours=12)
 
 
 def with_session_doubts(

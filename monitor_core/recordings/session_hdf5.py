@@ -198,7 +198,7 @@ def _session_reader(file: "h5py.File", raw: BinaryIO, where: str, *, compared: b
         axis_id=axis_id,
         description=root.text("description") if root.values.get("description") else "",
         created=root.instant("created") if "created" in root else None,
-        measurement_of=called,
+        measurement_of={},
         _called=called,
         _names_of={},
         _starts=starts,
@@ -218,7 +218,7 @@ def _placed(reader: SessionReader, stated: Mapping[str, Fields]) -> dict[str, Pl
     placed = dict[str, Placed]()
     last = dict[str, str]()  # window of each name, so far
     for window, fields in stated.items():
-        name, start = reader.measurement_of[window], fields.instant("started_at")
+        name, start = reader._called[window], reader._starts[window]
         before = last.get(name)
         if before is not None and start - placed[before].ended_at > Visit().pause:
             with suppress(RecordingFormatError):  # who reads it is told

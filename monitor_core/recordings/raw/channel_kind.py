@@ -77,10 +77,10 @@ _FREQUENCY_UNITS = frozenset(("Hz", "kHz", "rad/s"))
 def kind_of_name(name: str) -> ChannelKind | None:
     """Return what the name says; the last part of a name with slashes counts first."""
     for part in (re.split(r"[/\\.]", name)[-1], name):
-        whole = _WHOLE.get(without_unit(part).strip().lower())
+        whole = _WHOLE.get(_without_unit(part).strip().lower())
         if whole is not None:
             return whole
-        words = _words(without_unit(part))
+        words = _words(_without_unit(part))
         for kind, beginnings in _BEGINNINGS.items():
             if any(word.startswith(beginnings) for word in words):
                 return kind
@@ -90,7 +90,7 @@ def kind_of_name(name: str) -> ChannelKind | None:
 
 
 def _is_current(name: str) -> bool:
-    return any(word.startswith(_CURRENT) for word in _words(without_unit(name)))
+    return any(word.startswith(_CURRENT) for word in _words(_without_unit(name)))
 
 
 def kind_of_unit(unit: str | None) -> ChannelKind | None:
@@ -169,7 +169,7 @@ def rate_of_number(name: str, value: float) -> float | None:
 
 def letters_of(name: str) -> str:
     """Return the letters of the last part of a name, small and without its unit: "samplerate"."""
-    return re.sub(r"[\W\d_]", "", without_unit(name).rpartition(".")[2].lower())
+    return re.sub(r"[\W\d_]", "", _without_unit(name).rpartition(".")[2].lower())
 
 
 def names_other_unit(name: str) -> bool:
@@ -180,12 +180,15 @@ def names_other_unit(name: str) -> bool:
 def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
     """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
     for kind in (kind_of_name(name), kind_of_unit(unit or unit_in_name(name))):
-        rises = samples.ndim == 1 and bool(np.all(samples[1:] > samples[:-1]))
-        if kind is ChannelKind.FREQUENCY and (not rises or _says_other(name)):
+        if kind is ChannelKind.FREQUENCY and (_says_other(name) or not _rises(samples)):
             continue  # that of a drive, which goes up and down; lines of a spectrum rise
         if kind is not None:
             return kind
     return ChannelKind.TIME if unit is None and rises_evenly(samples) else None
+
+
+def _rises(samples: SampleArray) -> bool:
+    return samples.ndim == 1 and bool(np.all(samples[1:] > samples[:-1]))
 
 
 def is_of_other_quantity(name: str, unit: str | None) -> bool:
@@ -197,7 +200,7 @@ def is_of_other_quantity(name: str, unit: str | None) -> bool:
 
 
 def _says_other(name: str) -> bool:
-    return any(word.startswith(_BEGINNINGS[None]) for word in _words(without_unit(name)))
+    return any(word.startswith(_BEGINNINGS[None]) for word in _words(_without_unit(name)))
 
 
 def is_planned(name: str) -> bool:
@@ -208,10 +211,9 @@ def is_planned(name: str) -> bool:
 @np.errstate(over="ignore", invalid="ignore")
 def rises_evenly(samples: SampleArray) -> bool:
     """Tell whether values rise by one step, as sampling times and lines of a spectrum do."""
-    start = samples
-    if start.ndim != 1 or start.size < 3 or not np.all(np.isfinite(start)):
+    if samples.ndim != 1 or samples.size < 3 or not np.all(np.isfinite(samples)):
         return False
-    steps = np.diff(start.astype(np.float64))
+    steps = np.diff(samples.astype(np.float64))
     middle = float(np.median(steps))
     return middle > 0.0 and bool(steps.min() > 0.0) and bool(np.mean(np.abs(steps - middle) < 0.5 * middle) > 0.9)
 
@@ -224,7 +226,7 @@ def units_of(kind: ChannelKind) -> tuple[str, ...]:
     return (*FACTOR_TO_SI[Quantity(str(kind))], *raw)
 
 
-def without_unit(name: str) -> str:
+def _without_unit(name: str) -> str:
     """Return a name without brackets at its end."""
     return _IN_BRACKETS.sub("", name)
 

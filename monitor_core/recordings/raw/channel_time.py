@@ -124,6 +124,11 @@ def time_of_step(n_samples: int, step: float, n_digits: int, start: float | None
     return ChannelTime(runs=(Run(n_samples, start, rate),), open_by=0.0 if is_said else open_by)
 
 
+def place_of_break(n_before: int, mark: str) -> str:
+    """Say behind which sample a break is, and what stands there in the file."""
+    return f"behind sample {n_before - 1}" + (f", where {mark} stands" if mark else "")
+
+
 def missing_samples(place: str, seconds: float | None, n_lost: int | None = None) -> str:
     """Say that samples are missing at a place, and for how long [s], or how many; ``None``: the file does not say."""
     much = "how many, the file does not say" if n_lost is None else f"{n_lost} of them"
@@ -158,14 +163,15 @@ def are_together(times: Sequence[ChannelTime]) -> bool:
     first = times[0].runs
     return all(not time.unevenness and len(time.runs) == len(first) for time in times) and all(
         run.n_samples == other.n_samples
-        and _is_same_rate(run.sample_rate, other.sample_rate)
+        and is_same_rate(run.sample_rate, other.sample_rate)
         and seconds_apart(run, other) <= 0.5 / (other.sample_rate or math.inf)
         for time in times
         for run, other in zip(time.runs, first, strict=True)
     )
 
 
-def _is_same_rate(rate: float | None, other: float | None) -> bool:
+def is_same_rate(rate: float | None, other: float | None) -> bool:
+    """Tell whether two rates are known and one."""
     return rate is not None and other is not None and abs(rate - other) <= _SAME_RATE * other
 
 

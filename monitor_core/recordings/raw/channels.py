@@ -25,6 +25,8 @@ MOST_NUMBERS = 100
 HEAD, PIECE = 2**15, 2**18
 #: Arrays with so few rows or columns hold a channel in each of them, not a window.
 MOST_CHANNELS_IN_ARRAY = 16
+#: Goes once through the file and yields pieces of channels: number, and the samples that come next, shape (n,).
+Pieces = Callable[[Collection[int]], Iterator[tuple[int, SampleArray]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,8 +36,7 @@ class Stored:
     shape: tuple[int, ...]
     head: SampleArray  # the first of them, see :func:`head_of`
     number: int  # of the channel in its file
-    #: Goes once through the file and yields pieces of channels: number, and the samples that come next, shape (n,).
-    pieces: Callable[[Collection[int]], Iterator[tuple[int, SampleArray]]]
+    pieces: Pieces
 
     def read(self, where: str) -> SampleArray:
         """Read all of them. ``RecordingFormatError`` if the file holds fewer or more than it announces."""
@@ -47,10 +48,6 @@ class Stored:
         require_samples(n == flat.size, flat.size, n, where)
         flat.setflags(write=False)
         return flat.reshape(self.shape)
-
-
-#: See :class:`Stored`.
-Pieces = Callable[[Collection[int]], Iterator[tuple[int, SampleArray]]]
 
 
 def stored_samples(
@@ -68,7 +65,7 @@ def stored_samples(
             break
     head = cast(SampleArray, np.concatenate(begun)) if begun else np.empty(0)
     head.setflags(write=False)
-    return head if n_begun == math.prod(shape) else Stored(shape, head, number, pieces)
+    return head.reshape(shape) if n_begun == math.prod(shape) else Stored(shape, head, number, pieces)
 
 
 def require_samples(is_right: bool, announced: int, got: int, where: str) -> None:
@@ -81,10 +78,15 @@ def require_samples(is_right: bool, announced: int, got: int, where: str) -> Non
 
 def head_of(samples: SampleArray) -> SampleArray:
     """Return the beginning of samples; where an array has few rows or columns, which may be channels, that of each."""
-    if samples.ndim < 2:
-        return samples[:HEAD]
-    most = (MOST_CHANNELS_IN_ARRAY, HEAD) if samples.shape[0] < samples.shape[1] else (HEAD, MOST_CHANNELS_IN_ARRAY)
-    return samples[: most[0], : most[1]]
+    return samples[part_of_head(samples.shape)]
+
+
+def part_of_head(shape: tuple[int, ...]) -> tuple[slice, ...]:
+    """Return the part of samples of a shape that :func:`head_of` returns."""
+    if len(shape) < 2:
+        return (slice(HEAD),)
+    most = (MOST_CHANNELS_IN_ARRAY, HEAD) if shape[0] < shape[1] else (HEAD, MOST_CHANNELS_IN_ARRAY)
+    return slice(most[0]), slice(most[1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ from monitor_core.recordings.raw.channel_kind import (
     kind_of_unit,
     unit_in_name,
 )
-from monitor_core.recordings.raw.channel_time import ChannelTime, missing_samples
+from monitor_core.recordings.raw.channel_time import ChannelTime, missing_samples, place_of_break
 from monitor_core.recordings.raw.channels import HEAD, Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import READERS, READERS_WITH_LAYOUT, read_channels
 from monitor_core.recordings.raw.sample_figures import SampleFigures
@@ -225,8 +225,7 @@ def _breaks(time: ChannelTime) -> Iterator[str]:
             if seconds < 0.5 / run.sample_rate:
                 continue  # another rate without a pause
         if later.n_lost != 0:
-            mark = f", where {later.mark} stands" if later.mark else ""
-            yield missing_samples(f"behind sample {behind - 1}{mark}", seconds, later.n_lost)
+            yield missing_samples(place_of_break(behind, later.mark), seconds, later.n_lost)
 
 
 def _is_clipped(figures: SampleFigures, held: int) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,14 +39,14 @@ from monitor_core.recordings.raw.channel_kind import (
 from monitor_core.recordings.raw.channel_time import ChannelTime, even_time
 from monitor_core.recordings.raw.channels import (
     HEAD,
-    MOST_LEFT_OUT,
     PIECE,
     Channel,
     Channels,
     Stored,
-    head_of,
     native_samples,
+    part_of_head,
     single_numbers,
+    stored_samples,
 )
 
 if TYPE_CHECKING:
@@ -89,8 +89,7 @@ class _Found:
 
     def leave_out(self, name: str, why: str) -> None:
         """Note what is no channel, and why."""
-        if len(self.left_out) <= MOST_LEFT_OUT:
-            self.left_out.append(f"{name} ({why})")
+        self.left_out.append(f"{name} ({why})")
 
 
 def read_channels(path: Path) -> Channels:
@@ -231,7 +230,7 @@ def _zero_of_times(file: "h5py.File", signal: _Signal, where: str) -> datetime |
     unit, zero = _unit_of(signal)
     if zero is not None:
         return zero
-    first = float(_scaled(_part(file[signal.path], signal, slice(1)), signal).flat[0])
+    first = float(_scaled(_part(file[signal.path], signal, slice(1), slice(1)), signal).flat[0])
     in_seconds = factor_to("s", unit or unit_in_name(signal.name) or "d")  # days, the longest, where none is stated
     return _start_of(signal, where)[2] if abs(first * (in_seconds or math.inf)) < _LATEST else None
 
@@ -272,14 +271,11 @@ def _samples(file: "h5py.File", signals: list[_Signal], number: int, path: Path)
     """Return the samples; those of a long dataset stay in the file."""
     signal = signals[number]
     dataset = file[signal.path]
-    if math.prod(signal.shape) <= HEAD:
-        return cast(SampleArray, np.concatenate(list(_samples_of(dataset, signal)))).reshape(signal.shape)
-    if len(signal.shape) == 1:
-        head = next(_samples_of(dataset, signal))[:HEAD].copy()
-    else:
-        most = (MAX_CHANNELS, HEAD) if signal.shape[0] < signal.shape[1] else (HEAD, MAX_CHANNELS)
-        head = head_of(_scaled(_part(dataset, signal, slice(most[0]), slice(most[1])), signal))
-    return Stored(signal.shape, head, number, partial(_pieces, path, signals))
+    pieces = partial(_pieces, path, signals)
+    if len(signal.shape) == 1 or math.prod(signal.shape) <= HEAD:
+        return stored_samples(signal.shape, _samples_of(dataset, signal), number, pieces)
+    head = _scaled(_part(dataset, signal, *part_of_head(signal.shape)), signal)
+    return Stored(signal.shape, head, number, pieces)
 
 
 def _samples_of(dataset: "h5py.Dataset", signal: _Signal) -> Iterator[SampleArray]:

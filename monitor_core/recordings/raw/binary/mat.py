@@ -22,7 +22,7 @@ from monitor_core.recordings.elements.bounds import (
 )
 from monitor_core.recordings.elements.files import refusing, require_file
 from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5, require_readable, values_of
-from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples, single_numbers
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples, single_numbers
 
 if TYPE_CHECKING:
     import h5py
@@ -55,11 +55,6 @@ def read_channels(path: Path) -> Channels:
 
 def _channel(name: str, array: npt.NDArray[np.generic]) -> Channel:
     return Channel(name, native_samples(array.reshape(-1) if 1 in array.shape else array))
-
-
-def _leave_out(left_out: list[str], name: str, why: str) -> None:
-    if len(left_out) <= MOST_LEFT_OUT:
-        left_out.append(f"{name} ({why})")
 
 
 def _read_version_4_to_7_2(path: Path) -> Channels:
@@ -101,7 +96,7 @@ def _arrays_in(
     if _is_object(value) and depth == 0 and isinstance(value, np.ndarray):
         name = value["s0"].reshape(-1)[0].decode("latin-1")  # scipy knows it by no other
     if (why := _why_not_read(value)) is not None:
-        _leave_out(left_out, name, why)
+        left_out.append(f"{name} ({why})")
     elif not isinstance(value, np.ndarray) or value.ndim != 2:
         return
     elif value.dtype.names is not None:
@@ -170,7 +165,7 @@ def _datasets(
         elif isinstance(inside, h5py.Dataset):
             why = _why_no_channel(inside, f"{where}, {label}")
         if why is not None:
-            _leave_out(left_out, label, why)
+            left_out.append(f"{label} ({why})")
 
 
 def _why_no_channel(dataset: "h5py.Dataset", where: str) -> str | None:

@@ -58,7 +58,7 @@ def read_channels(path: Path) -> Channels:
             raise RecordingFormatError(f"{path.name}: expected a Parquet file, which begins with PAR1")
     with _opened(path) as file:
         columns = _columns(file, path)
-        channels = tuple(_channel(file, column, number, path) for number, column in enumerate(columns))
+        channels = tuple(_channel(file, columns, number, path) for number in range(len(columns)))
         left_out = tuple(f"{field.name} ({field.type})" for field in file.schema_arrow if not _is_channel(field.type))
     return Channels(path.name, channels, left_out=left_out)
 
@@ -155,16 +155,16 @@ def _samples_of(file: "pq.ParquetFile", column: _Column) -> Iterator[SampleArray
             yield native_samples(numbers / np.float64(_PER_SECOND[kind.unit]) if _is_duration(kind) else numbers)
 
 
-def _pieces(path: Path, wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
+def _pieces(path: Path, columns: list[_Column], wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
     with _opened(path) as file:
-        columns = _columns(file, path)
         for number in wanted:
             yield from ((number, piece) for piece in _samples_of(file, columns[number]))
 
 
-def _channel(file: "pq.ParquetFile", column: _Column, number: int, path: Path) -> Channel:
-    field = column.field
-    samples = stored_samples((file.metadata.num_rows,), _samples_of(file, column), number, partial(_pieces, path))
+def _channel(file: "pq.ParquetFile", columns: list[_Column], number: int, path: Path) -> Channel:
+    column = columns[number]
+    field, own = column.field, _samples_of(file, column)
+    samples = stored_samples((file.metadata.num_rows,), own, number, partial(_pieces, path, columns))
     if column.first is None:
         return Channel(field.name, samples, "s" if _is_duration(field.type) else _unit(field))
     # without a zone, the file does not say when it was; what is finer than a datetime tells is left to the seconds

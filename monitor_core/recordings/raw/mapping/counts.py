@@ -3,10 +3,13 @@
 Unwrapped where the map says where they wrap (``wraps_at``); else refused, since a jump back is no travel.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.raw.channel_time import Run
 from monitor_core.recordings.raw.mapping.map_records import MappedChannel
 
 #: Where counts wrap: converters and encoders of so many bits, a turn in degrees, gon or radians.
@@ -21,10 +24,11 @@ _N_AROUND, _STRAIGHT, _AS_FAST = 16, 0.75, 0.25
 _TOLERANCE = 0.02  # of a usual count: the sample before the wrap stands below it
 
 
-def unwrapped(samples: SampleArray, source: MappedChannel, where: str) -> SampleArray:
+def unwrapped(samples: SampleArray, source: MappedChannel, where: str, runs: Sequence[Run] = ()) -> SampleArray:
     """Return numbers that go on where they began anew; others as they are.
 
-    ``RecordingFormatError`` if they wrap and the map does not say where, or if it says so of windows in an array.
+    ``RecordingFormatError`` if they wrap and the map does not say where, or if it says so of windows in an array, or of
+    samples with a break, in which they may go on by any number of turns.
 
     Examples
     --------
@@ -35,6 +39,11 @@ def unwrapped(samples: SampleArray, source: MappedChannel, where: str) -> Sample
     """
     if samples.ndim != 1 and source.wraps_at is not None:
         raise RecordingFormatError(f"{where}: expected one-dimensional numbers for wraps_at; got shape {samples.shape}")
+    if source.wraps_at is not None and len(runs) > 1:
+        raise RecordingFormatError(
+            f"{where}: expected samples without a break for wraps_at; got one behind sample {runs[0].n_samples - 1}: "
+            "how many turns lie in it, the file does not say; give the parts as files of their own"
+        )
     if samples.ndim != 1 or samples.size < 3:
         return samples
     if source.wraps_at is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import Conditions, Direction, MotionRecord, Session, Window
+from monitor_core.recording import SESSION_GAP, Conditions, Direction, MotionRecord, Session, Window
 from monitor_core.recordings import motion_csv
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw.channels import Channels
@@ -37,7 +37,6 @@ from monitor_core.recordings.raw.mapping.map_records import (
 )
 from monitor_core.recordings.raw.mapping.mapped import Record, signal_of, starts_of_windows, take_records
 from monitor_core.recordings.raw.stated_numbers import doubts_of_sampling
-from monitor_core.session import SESSION_GAP
 
 #: Called with the name of each file before it is read.
 Progress = Callable[[str], None]

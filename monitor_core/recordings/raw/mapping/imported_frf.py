@@ -115,10 +115,8 @@ def _column(channels: Channels, source: MappedChannel) -> FloatArray:
             f"{channels.file_name}, {signal.name}: expected one column; got an array of shape {signal.samples.shape}: "
             "row or column takes one of it"
         )
-    if source.in_decibels:
-        return source.factor * 10.0 ** (signal.samples.astype(np.float64) / 20.0)
-    samples: FloatArray = (signal.samples.astype(np.float64) - source.offset) * source.factor
-    return samples
+    samples: FloatArray = signal.samples.astype(np.float64)
+    return source.factor * (10.0 ** (samples / 20.0) if source.in_decibels else samples)
 
 
 def _response_named(channels: Channels, source: MappedChannel) -> tuple[FrequencyResponse, MappedChannel]:

@@ -16,7 +16,9 @@ from monitor_core.recordings.raw.channel_time import (
     Run,
     are_together,
     from_one_zero,
+    is_same_rate,
     missing_samples,
+    place_of_break,
     printed_digit,
     seconds_apart,
     time_of_samples,
@@ -58,9 +60,8 @@ def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_m
     where = channels.file_name
     found = [signal_of(channels, source) for source in sources]
     signals = [signal for signal, _ in found]
-    values = [in_si(signal, source, f"{where}, {signal.name}") for signal, source in found]
     stated, remarks = _times(channels, signals, sources, channel_map)
-    _require_known_turns(signals, sources, stated, where)
+    values = [_in_si(*of, time.runs, f"{where}, {of[0].name}") for of, time in zip(found, stated, strict=True)]
     times = from_one_zero(stated)
     names, shapes = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
     remarks += _rates_open(names, stated)
@@ -72,7 +73,7 @@ def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_m
     if how is not None and not flat:
         raise RecordingFormatError(f"{where}: expected one-dimensional channels to resample; got shapes {shapes}")
     together = len(set(shapes)) == 1 and are_together(times)
-    if how is not None and not (together and all(_is_rate(run.sample_rate, how.sample_rate) for run in times[0].runs)):
+    if how is not None and not (together and all(is_same_rate(rate, how.sample_rate) for rate in times[0].rates)):
         remarks += _starts_assumed(stated, where)
         records, end = list[Record](), 0.0
         for made in resample(names, values, times, how, where):
@@ -84,34 +85,20 @@ def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_m
             end = delay + made.signals[0].size / how.sample_rate
     else:
         _require_one_clock(names, shapes, times, where)
-        records = list(_cut_at_breaks(where, names, values, times, started_at))
+        records = list(_cut_at_breaks(where, names, values, times, started_at, first=first))
     records[0] = replace(records[0], remarks=(*remarks, *records[0].remarks))
     return tuple(records)
 
 
-def _require_known_turns(
-    signals: Sequence[Channel], sources: Sequence[MappedChannel], times: Sequence[ChannelTime], where: str
-) -> None:
-    """Refuse numbers that wrap where the samples have a break, in which they may go on by any number of turns."""
-    for signal, source, time in zip(signals, sources, times, strict=True):
-        if source.wraps_at is not None and len(time.runs) > 1:
-            raise RecordingFormatError(
-                f"{where}, {signal.name}: expected samples without a break for wraps_at; got one behind sample "
-                f"{time.runs[0].n_samples - 1}: how many turns lie in it, the file does not say; give the parts as "
-                "files of their own"
-            )
-
-
 def _cut_at_breaks(
     where: str, names: tuple[str, ...], values: Sequence[SampleArray], times: Sequence[ChannelTime],
-    started_at: datetime | None,
+    started_at: datetime | None, *, first: float,
 ) -> Iterator[Record]:  # fmt: skip
     """Yield a record for each run of channels that were sampled together, and say what is missing between them."""
-    runs, at, delay, end = times[0].runs, 0, 0.0, 0.0
+    runs, at, end = times[0].runs, 0, 0.0
     if values[0].ndim > 1:  # an array of windows, which is cut by the map
         yield Record(where, names, tuple(values), runs[0].sample_rate or 0.0, started_at, 0.0, (), _starts(runs))
         return
-    first = min((of.runs[0].start or 0.0) for of in times)
     for run in runs:
         remarks = list[str]()
         delay = end if run.start is None else max(run.start - first, 0.0) if at else 0.0
@@ -119,8 +106,7 @@ def _cut_at_breaks(
         if at and run.start is not None and delay - end < 0.5 / rate:
             remarks.append(f"{where}: sampled at {rate:.10g} Hz behind sample {at - 1}; no window crosses it")
         elif at:
-            mark = f", where {run.mark} stands" if run.mark else ""
-            remarks.append(_missing(where, f"behind sample {at - 1}{mark}", None if run.start is None else delay - end))
+            remarks.append(_missing(where, place_of_break(at, run.mark), None if run.start is None else delay - end))
         taken = values if len(runs) == 1 else [samples[at : at + run.n_samples] for samples in values]
         yield Record(where, names, tuple(taken), rate, started_at, delay, tuple(remarks))
         at, end = at + run.n_samples, delay + run.n_samples / rate
@@ -147,9 +133,9 @@ def signal_of(channels: Channels, source: MappedChannel) -> tuple[Channel, Mappe
     return _part(channel, source.row, source.column, channels.file_name), source
 
 
-def in_si(channel: Channel, source: MappedChannel, where: str) -> SampleArray:
+def _in_si(channel: Channel, source: MappedChannel, runs: Sequence[Run], where: str) -> SampleArray:
     """Return the samples in SI, unwrapped; single precision stays single."""
-    samples = unwrapped(channel.samples, source, where)
+    samples = unwrapped(channel.samples, source, where, runs)
     if source.offset != 0.0:
         samples = samples - samples.dtype.type(source.offset)
     samples = samples if source.factor == 1.0 else samples * source.factor
@@ -291,10 +277,6 @@ def _rates_open(names: Sequence[str], times: Sequence[ChannelTime]) -> tuple[str
     )
 
 
-def _is_rate(rate: float | None, sample_rate: float) -> bool:
-    return rate is not None and abs(rate - sample_rate) <= 1e-9 * sample_rate
-
-
 def _starts_assumed(times: Sequence[ChannelTime], where: str) -> tuple[str, ...]:
     """Refuse times of several kinds, which cannot be brought together; say it where all starts are assumed."""
     timed = [time.runs[0].start is not None for time in times]
@@ -317,7 +299,7 @@ def _require_one_clock(
             raise RecordingFormatError(time.unevenness)
     advice = "a table [resample] with sample_rate_hz and method brings them to one clock"
     rates = [[run.sample_rate or 0.0 for run in time.runs] for time in times]
-    if any(abs(of[0] - rates[0][0]) > 1e-9 * rates[0][0] for of in rates):
+    if not all(is_same_rate(of[0], rates[0][0]) for of in rates):
         got = ", ".join(f"{of[0]:.10g} Hz" for of in rates)
         raise RecordingFormatError(f"{where}: expected channels of one sample rate; got {got}: {advice}")
     apart = max(seconds_apart(time.runs[0], times[0].runs[0]) for time in times)

@@ -65,8 +65,8 @@ def time_tables(times: Part | TextTimes | None, signals: Sequence[Part], channel
             missing("sample_rate_hz", "rate that all channels are brought to"),
             MapEntry("method", "cubic", "cubic | linear; the error is estimated and said"),
         )
-        held = [channels.channel(clock).samples for clock in clocks if clock is not None]
-        if len(held) == len(clocks) and all(np.array_equal(held[0], other) for other in held[1:]):
+        named = [channels.channel(clock) for clock in clocks if clock is not None]
+        if len(named) == len(clocks) and all(np.array_equal(named[0].samples, c.samples) for c in named[1:]):
             return []
         return [MapTable("resample", resample, "the channels have clocks of their own")]
     if times is None or any(part.channel.time.rates for part in signals):

@@ -363,9 +363,9 @@ class _TableReader:
         form, separator, decimal = self._form, self._form.separator, self._decimal
         if not self._at_once or not self._n_rows or separator is None or not decimal or separator == decimal:
             return None
-        text, csv_of_arrow = "\n".join(lines), _csv_of_arrow()
-        is_plain = csv_of_arrow is not None and not form.texts and text.isascii() and "(" not in text  # nan(0x1)
-        numbers = csv_of_arrow(text, len(form.names), separator, decimal) if is_plain and csv_of_arrow else None
+        text, csv_of_arrow, numbers = "\n".join(lines), _csv_of_arrow(), None
+        if csv_of_arrow is not None and not form.texts and text.isascii() and "(" not in text:  # nan(0x1)
+            numbers = csv_of_arrow(text, len(form.names), separator, decimal)
         self._at_once = numbers is not None  # of a table with one gap, more are to be expected
         return numbers
 
