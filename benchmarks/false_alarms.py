@@ -46,7 +46,7 @@ class Day:
 
     values: tuple[float, ...]
     temperature: float | None = None
-    drag_torque: float | None = None
+    friction_torque: float | None = None
 
 
 History = Callable[[np.random.Generator, int], list[Day]]
@@ -169,7 +169,7 @@ def observations(days: list[Day]) -> list[Observation]:
         apart = timedelta(hours=min(24.0 / count, 2.5))
         for i, value in enumerate(day.values):
             at = START + timedelta(days=number) + i * apart
-            found.append(Observation(at, value, temperature=day.temperature, drag_torque=day.drag_torque))
+            found.append(Observation(at, value, temperature=day.temperature, friction_torque=day.friction_torque))
     return found
 
 

@@ -3,7 +3,7 @@
 ::
 
     check_window       one window            → Rejection | None
-    judge_measurement  windows of one place  → mode → preload feature → newtons with interval; drag torque
+    judge_measurement  windows of one place  → mode → preload feature → newtons with interval; friction
     advance            axis state, outcome   → axis state (baseline, charts, alarm)
 """
 
@@ -12,7 +12,6 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from typing import overload
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, calibrate_phase, measure_mode
@@ -28,7 +27,7 @@ from monitor_core.preload import (
     systematic_uncertainty_between,
 )
 from monitor_core.preload.doubts import Doubt, DoubtReason, PlaceReading, Places
-from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque, friction_torque, velocities_of
+from monitor_core.preload.drag_torque import Friction, estimate_friction
 from monitor_core.preload.estimate import place_reading
 from monitor_core.preload.fit import BETWEEN_SESSIONS
 from monitor_core.preload.witnesses import WitnessName
@@ -66,7 +65,7 @@ class MeasurementOutcome:
 
     modal: ModalMeasurement | Rejection
     preload: PreloadEstimate | Rejection
-    drag_torque: DragTorque | Rejection
+    friction: Friction | Rejection
 
     @property
     def refusal(self) -> Rejection | None:
@@ -162,14 +161,15 @@ def judge_measurement(
         phase=None if calibration is None else calibration.phase_reference,
         maximum_modes=2 if calibration is None else calibration.maximum_modes,
     )
-    velocities = velocities_of(windows)
-    friction = friction_torque(windows, velocities)
-    modal = with_friction_torque(modal, friction)
+    friction = estimate_friction(windows)
+    torque = None if isinstance(friction, Rejection) or friction.torque.value <= 0.0 else friction.torque.value
+    if isinstance(modal, ModalMeasurement):
+        modal = replace(modal, friction_torque=torque)
     preload = _preload(modal, windows[0], calibration)
     if calibration is not None and calibration.maximum_modes < 2 and _may_be_two_modes(modal, preload):
-        both = _with_second_mode(modal, windows, settings, calibration, friction)
+        both = _with_second_mode(modal, windows, settings, calibration, torque)
         modal, preload = both or (modal, preload)
-    return MeasurementOutcome(modal, preload, estimate_drag_torque(windows, velocities))
+    return MeasurementOutcome(modal, preload, friction)
 
 
 #: What a second mode beside the calibrated one shows itself by.
@@ -199,7 +199,7 @@ def _with_second_mode(
     windows: Sequence[Window],
     settings: AxisSettings,
     calibration: Calibration,
-    friction: float | Rejection,
+    friction_torque: float | None,
 ) -> tuple[ModalMeasurement, PreloadEstimate | Rejection] | None:
     """Measure once more with two modes; where the data require them, half of what that moves joins the uncertainty."""
     band = search_band(settings, calibration, windows[0])
@@ -209,7 +209,7 @@ def _with_second_mode(
     frequency = both.mode.frequency
     moved = 0.0 if isinstance(modal, Rejection) else modal.mode.frequency.value - frequency.value
     wider = replace(frequency, standard_uncertainty=math.hypot(frequency.standard_uncertainty, 0.5 * moved))
-    both = with_friction_torque(replace(both, mode=replace(both.mode, frequency=wider)), friction)
+    both = replace(both, mode=replace(both.mode, frequency=wider), friction_torque=friction_torque)
     estimate = _preload(both, windows[0], calibration)
     if isinstance(estimate, Rejection):
         return both, estimate
@@ -219,21 +219,6 @@ def _with_second_mode(
         f"{frequency.value:.2f} Hz, without it {moved:+.2f} Hz from there, half of which joins the uncertainty",
     )
     return both, estimate.with_doubts([doubt])
-
-
-@overload
-def with_friction_torque(modal: ModalMeasurement, torque: float | Rejection) -> ModalMeasurement: ...
-@overload
-def with_friction_torque(
-    modal: ModalMeasurement | Rejection, torque: float | Rejection
-) -> ModalMeasurement | Rejection: ...
-def with_friction_torque(
-    modal: ModalMeasurement | Rejection, torque: float | Rejection
-) -> ModalMeasurement | Rejection:
-    """Add the friction torque of the windows to a measured mode, where they show one [N·m]."""
-    if isinstance(modal, Rejection) or isinstance(torque, Rejection) or torque <= 0.0:
-        return modal
-    return replace(modal, friction_torque=torque)
 
 
 def _preload(
@@ -280,13 +265,13 @@ def advance(
     """
     if isinstance(outcome.preload, Rejection) or isinstance(outcome.modal, Rejection):
         return state
-    drag = outcome.drag_torque.drag.value if isinstance(outcome.drag_torque, DragTorque) else None
+    friction = None if isinstance(outcome.friction, Rejection) else outcome.friction.torque.value
     return advance_estimate(
         state,
         outcome.preload,
         outcome.modal.conditions,
         at,
-        drag_torque=drag,
+        friction_torque=friction,
         calibration=calibration,
         design=design,
     )
@@ -298,7 +283,7 @@ def advance_estimate(
     conditions: Conditions,
     at: datetime,
     *,
-    drag_torque: float | None = None,
+    friction_torque: float | None = None,
     calibration: Calibration,
     design: DetectorDesign,
 ) -> AxisState:
@@ -306,7 +291,7 @@ def advance_estimate(
     # the frequency's own uncertainty only: the scatter between measurements is what the baseline learns
     feature = Estimate(estimate.feature.value, estimate.feature_own_uncertainty)
     place = place_reading(conditions.position, estimate, calibration)
-    charted = ChartedFeature(at, feature, conditions, drag_torque, bool(estimate.doubts), place)
+    charted = ChartedFeature(at, feature, conditions, friction_torque, bool(estimate.doubts), place)
     return advance_feature(state, charted, calibration=calibration, design=design)
 
 
@@ -317,7 +302,7 @@ class ChartedFeature:
     at: datetime
     feature: Estimate  # with its own standard uncertainty [s²]
     conditions: Conditions
-    drag_torque: float | None = None  # [N·m]
+    friction_torque: float | None = None  # [N·m]
     in_doubt: bool = False
     place: PlaceReading | None = None  # what the places of its session are compared by; None: not known
 
@@ -351,7 +336,7 @@ def advance_feature(
         feature.standard_uncertainty,
         systematic,
         temperature=conditions.temperature,
-        drag_torque=charted.drag_torque,
+        friction_torque=charted.friction_torque,
         in_doubt=charted.in_doubt or places.disagreement is not None,
     )
     remembered = (*state.baseline_conditions, conditions)[-MOST_CONDITIONS:]

@@ -36,6 +36,7 @@ class TrendPoint(TypedDict):
     frequency_hz: float | None
     preload_n: float | None
     interval_95_n: tuple[float | None, float | None] | None
+    friction_torque_nm: float | None
     drag_torque_nm: float | None
     state: str | None
     refusal_reason: str | None

@@ -18,7 +18,7 @@ from monitor_core.preload.calibration import (
     minimum_detectable_loss as minimum_detectable_loss,
 )
 from monitor_core.preload.doubts import DoubtReason as DoubtReason, PlaceReading as PlaceReading, Places as Places
-from monitor_core.preload.drag_torque import DragTorque as DragTorque
+from monitor_core.preload.drag_torque import DragTorque as DragTorque, Friction as Friction
 from monitor_core.preload.estimate import (
     PreloadEstimate as PreloadEstimate,
     PreloadLadder as PreloadLadder,

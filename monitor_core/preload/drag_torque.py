@@ -1,4 +1,8 @@
-"""Estimate the drag torque: the second indicator of preload, independent of any natural frequency."""
+"""Estimate the friction of the running axis: the second indicator of preload, independent of any natural frequency.
+
+One friction of a measurement, from whatever its windows hold: the work of all their moves where they tell it, which is
+nearly always, else the drag torque of what little they travel at constant velocity.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -26,6 +30,8 @@ _SPEED_TOLERANCE = 0.05
 _SHORTEST_PATH = 1e-4
 #: Pairs of travels, there and back, below which their scatter says nothing.
 _FEWEST_PAIRS = 3
+#: Share of the path that net travel must leave unexplained: in one direction alone friction and offset are one number.
+_BOTH_DIRECTIONS = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +42,23 @@ class DragTorque:
     offset: Estimate  # (T₊ + T₋)/2: weight of a slanted axis, zero error of the torque channel [N·m]
     speed: float  # travelling speed [m/s]; drag torques are comparable at one speed only
     n_pairs: int  # constant-velocity travels, one of each direction
+
+
+@dataclass(frozen=True, slots=True)
+class Friction:
+    """Friction of the axis over one measurement."""
+
+    torque: Estimate  # :func:`friction_torque`; of windows too few for it the drag torque [N·m]
+    drag: DragTorque | Rejection  # at constant velocity
+
+
+def estimate_friction(windows: Sequence[Window]) -> Friction | Rejection:
+    """Return the friction of the windows of one measurement, or why they tell none: motion, position, torque."""
+    velocities = velocities_of(windows)
+    drag, torque = estimate_drag_torque(windows, velocities), friction_torque(windows, velocities)
+    if isinstance(torque, Rejection) and isinstance(drag, DragTorque):
+        torque = drag.drag
+    return torque if isinstance(torque, Rejection) else Friction(torque, drag)
 
 
 def estimate_drag_torque(
@@ -95,34 +118,42 @@ def estimate_drag_torque(
 
 def friction_torque(
     windows: Sequence[Window], velocities: Sequence[FloatArray | None] | None = None
-) -> float | Rejection:
+) -> Estimate | Rejection:
     r"""Return the friction torque over all motion of the windows of one measurement, from the work that it takes [N·m].
 
     .. math:: T_f = \frac{\sum T\,v}{\sum |v|}
 
     with the torque T and the velocity v of the screw's travel. What is accelerated gives its energy back, and an
     offset of the torque drops out by a second column for the net travel, so that windows with a whole number of moves
-    know the mean friction far better than the few stretches at constant velocity (some tenths of a percent in place of
-    some percent). It is no drag torque of ISO 3408-3: the damping of the structure is in it, and no speed is singled
-    out. It serves comparisons with the same moves of the same axis. Windows without motion, position trace or torque
-    are refused.
+    know the mean friction better than the few stretches at constant velocity. Its uncertainty is the scatter of the
+    windows about both. It is no drag torque of ISO 3408-3: the damping of the structure is in it, and no speed is
+    singled out. It serves comparisons with the same moves of the same axis. Windows without motion, position trace or
+    torque, or with motion in one direction only, are refused.
     """
     if any(window.excitation_quantity is not ExcitationQuantity.TORQUE for window in windows):
         return Rejection(RejectionReason.EXCITATION_SOURCE_MISMATCH, "friction torque needs windows of torque in N·m")
-    rate = windows[0].sample_rate
     work = [
         (float(window.excitation @ velocity), float(np.abs(velocity).sum()), float(velocity.sum()))
         for window, velocity in zip(windows, velocities_of(windows) if velocities is None else velocities, strict=True)
         if velocity is not None
     ]
-    if len(work) < _FEWEST_PAIRS or sum(path for _, path, _ in work) < _SHORTEST_PATH * len(work) * rate:
+    done, path, net = np.array(work).reshape(-1, 3).T
+    own = float(path @ path - (path @ net) ** 2 / max(float(net @ net), 1e-300))  # of the path, not of the net travel
+    if (
+        len(work) < _FEWEST_PAIRS
+        or path.sum() < _SHORTEST_PATH * len(work) * windows[0].sample_rate
+        or own < _BOTH_DIRECTIONS * float(path @ path)
+    ):
         return Rejection(
             RejectionReason.TOO_FEW_AVERAGES,
-            f"friction torque needs at least {_FEWEST_PAIRS} windows with motion and position; got {len(work)}",
+            f"friction torque needs at least {_FEWEST_PAIRS} windows with motion in both directions and position; "
+            f"got {len(work)}",
         )
-    done = np.array(work)
-    of_path, _ = np.linalg.lstsq(done[:, 1:], done[:, 0])[0].tolist()
-    return float(of_path)
+    columns = np.column_stack([path, net])
+    coefficients = np.linalg.lstsq(columns, done)[0]
+    left, degrees_of_freedom = done - columns @ coefficients, len(work) - 2
+    uncertainty = math.sqrt(float(left @ left) / degrees_of_freedom / own)
+    return Estimate(float(coefficients[0]), uncertainty, degrees_of_freedom)
 
 
 def velocities_of(windows: Sequence[Window]) -> list[FloatArray | None]:

@@ -4,7 +4,7 @@ The value of session t, nine structures side by side, each weighted by how well 
 
 .. math:: y_t = x_t^\mathsf{T} \beta + e_t + w_t, \qquad e_t = \varphi^{\Delta t} e_{t-\Delta t} + v_t
 
-with the level, a season of a year, temperature, its change in a day and drag torque in x; e an autoregression of first
+with the level, a season of a year, temperature, its change in a day and friction in x; e an autoregression of first
 order with the share s of the scatter σ², and white noise w with the rest (AR(1) plus noise: Lu & Reynolds, J. Qual.
 Technol. 31 (1999) 259–274). A structure is one pair φ, s. Coefficients and σ² are learnt with the normal–inverse-gamma
 prior of Bayesian linear regression, as a Kalman filter in units of σ² (West & Harrison, Bayesian Forecasting and
@@ -51,15 +51,15 @@ STRUCTURES = (
 )
 _CORRELATION = np.array([structure.correlation for structure in STRUCTURES])
 _SHARE = np.array([structure.share for structure in STRUCTURES])
-#: Level, season (two), change of the temperature in a day, temperature, drag torque; the autoregression is the last
+#: Level, season (two), change of the temperature in a day, temperature, friction torque; the autoregression is the last
 #: member of the state. The change stands for a structure that lags behind its thermometer.
 N_COEFFICIENTS = 6
 _SIZE = N_COEFFICIENTS + 1
 _UPPER = np.triu_indices(_SIZE)
 #: A coefficient is known in units of the scatter: per this many kelvin ...
 KELVIN = 10.0
-#: ... and per this share of the drag torque.
-DRAG_SHARE = 0.25
+#: ... and per this share of the friction torque.
+FRICTION_SHARE = 0.25
 #: What nothing is known about: the level.
 _OPEN = 100.0
 #: One session may say so many standard deviations, not more.
@@ -71,7 +71,7 @@ class Prior:
     """What is known of a healthy axis before its first session: by default little, from sisters more."""
 
     weights: tuple[float, ...] = tuple(structure.weight for structure in STRUCTURES)
-    # season (two), per 10 K in a day, per 10 K, per quarter of the drag torque, in the unit of the observations
+    # season (two), per 10 K in a day, per 10 K, per quarter of the friction torque, in the unit of the observations
     coefficients: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
     deviations: tuple[float, ...] = (0.8, 0.8, 4.0, 2.0, 2.0)  # of these coefficients, in units of the scatter
     variance: float | None = None  # σ², in the squared unit of the observations
@@ -117,7 +117,7 @@ class Belief:
     n_observations: int = 0
     within_squares: float = 0.0  # of the observations about the mean of their session
     temperature: Covariate | None = None
-    drag_torque: Covariate | None = None
+    friction_torque: Covariate | None = None
     change: Covariate | None = None  # of the temperature in a day, in units of KELVIN
     latest_temperature: float | None = None  # of the last session, learnt or not; None if it was not stated
 
@@ -284,7 +284,7 @@ def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
         n_observations=belief.n_observations + session.count,
         within_squares=belief.within_squares + session.squares,
         temperature=_seen(belief.temperature, session.temperature),
-        drag_torque=_seen(belief.drag_torque, session.drag_torque),
+        friction_torque=_seen(belief.friction_torque, session.friction_torque),
         change=_seen(belief.change, _change(belief, session)),
         latest_temperature=session.temperature,
     )
@@ -336,7 +336,7 @@ def healthy_value(belief: Belief, at: datetime) -> tuple[float, float]:
     """Return what is normal at some time under the mean conditions, and its standard uncertainty."""
     bank = _bank_of(belief.numbers)
     row = _season(belief, at)
-    for i, covariate in enumerate((_scaled(belief.temperature, None, KELVIN), _drag(belief.drag_torque, None))):
+    for i, covariate in enumerate((_scaled(belief.temperature, None, KELVIN), _friction(belief.friction_torque, None))):
         row[N_COEFFICIENTS - 2 + i] = covariate
     row = row[:-1]
     centre = bank.mean[:, :-1] @ row
@@ -355,11 +355,11 @@ def _design(belief: Belief, session: Session) -> tuple[FloatArray, tuple[float, 
     row, change = _season(belief, session.started_at), _change(belief, session)
     row[3] = change or 0.0
     row[4] = _scaled(belief.temperature, session.temperature, KELVIN)
-    row[5] = _drag(belief.drag_torque, session.drag_torque)
+    row[5] = _friction(belief.friction_torque, session.friction_torque)
     return row, (
         _variance_unless_known(belief.change, change, 1.0),
         _variance_unless_known(belief.temperature, session.temperature, KELVIN),
-        _variance_unless_known(belief.drag_torque, session.drag_torque, _drag_unit(belief.drag_torque)),
+        _variance_unless_known(belief.friction_torque, session.friction_torque, _friction_unit(belief.friction_torque)),
     )
 
 
@@ -382,12 +382,12 @@ def change_in_a_day(before: float | None, now: float | None, apart: timedelta) -
     return None if before is None or now is None else (now - before) / KELVIN * min(1.0, DAY / apart)
 
 
-def _drag(seen: Covariate | None, value: float | None) -> float:
-    return _scaled(seen, value, _drag_unit(seen))
+def _friction(seen: Covariate | None, value: float | None) -> float:
+    return _scaled(seen, value, _friction_unit(seen))
 
 
-def _drag_unit(seen: Covariate | None) -> float:
-    return 0.0 if seen is None else DRAG_SHARE * abs(seen.reference)
+def _friction_unit(seen: Covariate | None) -> float:
+    return 0.0 if seen is None else FRICTION_SHARE * abs(seen.reference)
 
 
 def _variance_unless_known(seen: Covariate | None, value: float | None, unit: float) -> float:

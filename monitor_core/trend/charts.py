@@ -265,7 +265,7 @@ SHEWHART_CONSECUTIVE = 2
 class LossDirection(StrEnum):
     """Which way the trended quantity goes when preload is lost."""
 
-    FALL = "fall"  #: preload in newtons, drag torque, natural frequency
+    FALL = "fall"  #: preload in newtons, friction torque, natural frequency
     RISE = "rise"  #: the preload feature of Nguyen's Eq. (8)
 
 

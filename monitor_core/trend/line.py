@@ -14,7 +14,7 @@ import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.trend.belief import DAY, DRAG_SHARE, KELVIN, STRUCTURES, YEAR, Prior, Structure, change_in_a_day
+from monitor_core.trend.belief import DAY, FRICTION_SHARE, KELVIN, STRUCTURES, YEAR, Prior, Structure, change_in_a_day
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
 
@@ -60,7 +60,7 @@ def trend_line(sessions: Sequence[Session], prior: Prior | None = None) -> Trend
     design = np.column_stack([
         np.ones(days.size), days * (DAY / YEAR), 1.0 - np.cos(angle), np.sin(angle), _changes(chosen),
         _covariate([session.temperature for session in chosen], KELVIN),
-        _covariate([session.drag_torque for session in chosen], None),
+        _covariate([session.friction_torque for session in chosen], None),
     ])  # fmt: skip
     precision = np.array([_OPEN, _OPEN, *prior.deviations]) ** -2.0
     lent = design[:, 2:] @ np.array(prior.coefficients)
@@ -123,7 +123,7 @@ def _covariate(stated: Sequence[float | None], unit: float | None) -> FloatArray
     """Return a covariate about its mean, in its unit or as a share of itself; 0 where it was not stated."""
     known_values = [value for value in stated if value is not None]
     mean = float(np.mean(known_values)) if known_values else 0.0
-    unit = DRAG_SHARE * abs(mean) if unit is None else unit
+    unit = FRICTION_SHARE * abs(mean) if unit is None else unit
     if unit == 0.0:
         return np.zeros(len(stated))
     return np.array([0.0 if value is None else (value - mean) / unit for value in stated])

@@ -30,7 +30,7 @@ class Observation:
     under the conditions of the baseline. It is common to many later measurements, so it does not average out, and a
     change that it could explain is no evidence.
 
-    Temperature and drag torque are covariates: what the quantity follows of them is learnt. Those that were not
+    Temperature and friction torque are covariates: what the quantity follows of them is learnt. Those that were not
     measured are None. A measurement in doubt moves the charts, and its session teaches nothing.
     """
 
@@ -39,13 +39,13 @@ class Observation:
     standard_uncertainty: float = 0.0
     systematic_uncertainty: float = 0.0
     temperature: float | None = None  # of the structure [°C]
-    drag_torque: float | None = None  # of the running axis [N·m]
+    friction_torque: float | None = None  # of the running axis [N·m]
     in_doubt: bool = False
 
     def __post_init__(self) -> None:
         if self.at.tzinfo is None:
             raise OutsideValidityError(f"at must carry a time zone; got {self.at.isoformat()}")
-        for name in ("value", "temperature", "drag_torque"):
+        for name in ("value", "temperature", "friction_torque"):
             stated = getattr(self, name)
             if stated is not None and not math.isfinite(stated):
                 raise OutsideValidityError(f"{name} must be finite; got {stated}")
@@ -66,9 +66,9 @@ class Session:
     own_variance: float = 0.0  # of the mean, as the measurements state it
     systematic_uncertainty: float = 0.0  # the mean of them: common to all
     temperature: float | None = None  # mean of those that were stated
-    drag_torque: float | None = None
+    friction_torque: float | None = None
     n_temperatures: int = 0
-    n_drag_torques: int = 0
+    n_friction_torques: int = 0
     in_doubt: bool = False  # one of its measurements is
 
     def takes(self, at: datetime) -> bool:
@@ -86,7 +86,7 @@ class Session:
         deviation = new.value - self.value
         mean = self.value + deviation / n
         temperature, n_temperatures = _mean(self.temperature, self.n_temperatures, new.temperature)
-        drag_torque, n_drag_torques = _mean(self.drag_torque, self.n_drag_torques, new.drag_torque)
+        friction_torque, n_friction_torques = _mean(self.friction_torque, self.n_friction_torques, new.friction_torque)
         return Session(
             self.started_at,
             new.at,
@@ -96,9 +96,9 @@ class Session:
             (self.own_variance * self.count**2 + new.standard_uncertainty**2) / n**2,
             self.systematic_uncertainty + (new.systematic_uncertainty - self.systematic_uncertainty) / n,
             temperature,
-            drag_torque,
+            friction_torque,
             n_temperatures,
-            n_drag_torques,
+            n_friction_torques,
             self.in_doubt or new.in_doubt,
         )
 

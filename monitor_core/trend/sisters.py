@@ -1,4 +1,4 @@
-"""Let axes of one type lend a young one what it cannot know yet: dependence, scatter, temperature, drag torque."""
+"""Let axes of one type lend a young one what it cannot know yet: dependence, scatter, temperature, friction torque."""
 
 import math
 from collections.abc import Sequence
@@ -11,8 +11,8 @@ from monitor_core.trend.belief import N_COEFFICIENTS, Belief, Prior, bank_of
 #: The scatter of one sister is worth so many degrees of freedom at most, however old she is: axes differ.
 MOST_DEGREES_OF_FREEDOM = 20.0
 _OF_ONE_SISTER = 4.0
-#: Temperature, its change and drag torque among the coefficients. A season is not lent: it is counted from the first
-#: session.
+#: Temperature, its change and friction torque among the coefficients. A season is not lent: it is counted from the
+#: first session.
 _LENT = range(3, N_COEFFICIENTS)
 
 

@@ -41,7 +41,8 @@ class TrendPointOut(BaseModel):
     frequency_hz: float | None
     preload_n: float | None
     interval_95_n: tuple[float | None, float | None] | None
-    drag_torque_nm: Annotated[float | None, Field(description="the second, independent indicator")]
+    friction_torque_nm: Annotated[float | None, Field(description="over all moves: the second, independent indicator")]
+    drag_torque_nm: Annotated[float | None, Field(description="of the travels at constant velocity, ISO 3408-3")]
     state: str | None
     refusal_reason: str | None
     uncharted: Annotated[str | None, Field(description="why an accepted measurement moved no chart")]
@@ -151,6 +152,7 @@ def _columns(told: ToldColumns, at: Sequence[datetime | str]) -> Columns:
         "preload_n": told.preload_n,
         "interval_95_n.lower": lower,
         "interval_95_n.upper": upper,
+        "friction_torque_nm": told.friction_torque_nm,
         "drag_torque_nm": told.drag_torque_nm,
         "state": told.state,
         "refusal_reason": told.refusal_reason,

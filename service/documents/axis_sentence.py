@@ -117,7 +117,7 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
             "Nothing was accepted since %(day)s: see that the axis is measured, then check nut preload and lubrication."
         )
         return Standing(sentence, Said(step, {"day": facts.heard_at}))
-    step = N_("Measure at another position, compare the drag torque, check nut preload and lubrication.")
+    step = N_("Measure at another position, compare the friction torque, check nut preload and lubrication.")
     return Standing(sentence, Said(step))
 
 

@@ -15,6 +15,7 @@ from monitor_core.pipeline import AxisState, MeasurementOutcome
 from monitor_core.preload import (
     Calibration,
     DragTorque,
+    Friction,
     PreloadEstimate,
     preload_from_feature,
     unexplained_scatter,
@@ -149,10 +150,25 @@ def measurement_document(row: "MeasurementRecord", outcome: MeasurementOutcome) 
         document |= estimate_document(outcome.preload)
     if refusal is not None:
         document |= refusal_document(refusal)
-    if isinstance(outcome.drag_torque, DragTorque):
-        drag = outcome.drag_torque.drag
-        document |= {"drag_torque_nm": drag.value, "drag_torque_standard_uncertainty_nm": drag.standard_uncertainty}
+    document |= friction_document(outcome.friction)
     return finite_or_null(document)
+
+
+def friction_document(friction: Friction | Rejection) -> JsonObject:
+    """Lay out the friction of a measurement; what its windows do not tell is left out."""
+    if isinstance(friction, Rejection):
+        return {}
+    told = {"friction_torque": friction.torque}
+    if isinstance(friction.drag, DragTorque):
+        told["drag_torque"] = friction.drag.drag
+    return {
+        name: value
+        for quantity, estimate in told.items()
+        for name, value in (
+            (f"{quantity}_nm", estimate.value),
+            (f"{quantity}_standard_uncertainty_nm", estimate.standard_uncertainty),
+        )
+    }
 
 
 def unexplained_of(point: "TrendPoint | ShownPoint") -> float:
@@ -264,7 +280,7 @@ def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibrati
             f"{healthy:.0f} N: "
             + _CHART[alarm.chart].format(value=alarm.value, limit=alarm.limit)
         ),
-        "check_next": "measure again at another position; compare the drag torque; check nut and bearing mounting",
+        "check_next": "measure again at another position; compare the friction torque; check nut and bearing mounting",
     })  # fmt: skip
 
 

@@ -78,6 +78,7 @@ class StoredMeasurement(BaseModel):
     preload_feature_s2: float | None = None
     preload_feature_standard_uncertainty_s2: float | None = None
     variance_shares: dict[str, float] = {}
+    friction_torque_nm: float | None = None
     drag_torque_nm: float | None = None
     baseline_preload_n: float | None = None
 

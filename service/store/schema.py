@@ -49,12 +49,20 @@ def _repeat_names(connection: Connection) -> None:
     connection.execute(text("DROP TABLE copied"))
 
 
+def _keep_friction(connection: Connection) -> None:
+    """Keep the friction of all moves; that of few travels, of the sessions before, tells nothing beside it."""
+    connection.execute(text("ALTER TABLE trend_points ADD COLUMN friction_torque_nm FLOAT"))
+    connection.execute(text("ALTER TABLE sessions ADD COLUMN friction_torque_nm FLOAT"))
+    connection.execute(text("ALTER TABLE sessions DROP COLUMN drag_torque_nm"))
+
+
 #: Oldest version that this program opens.
 BASELINE = "0017"
 #: What follows the baseline: the version that each step leads to, and what it changes, on SQLite and on PostgreSQL.
 STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0018", lambda _: None),  # new documents of measurements are packed, which an older program would not read
     ("0019", _repeat_names),
+    ("0020", _keep_friction),
 )
 #: The version that this program writes.
 VERSION = STEPS[-1][0]

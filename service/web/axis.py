@@ -94,7 +94,7 @@ class Pictures:
 
     shown: ShownRange
     preload: Charts
-    drag: Charts
+    friction: Charts
     frequency: Charts
 
 
@@ -121,11 +121,11 @@ def _drawn(
     if shown.start <= latest[0].at < shown.end and latest[0] not in points:
         points = [*points, latest[0]]
     drawn, worked = Drawn.of(points), [event for event in events if event.kind == "work"]
-    drag, frequency = (words(N_("Drag torque over time")), "N·m"), (words(N_("Frequency over time")), "Hz")
+    friction, frequency = (words(N_("Friction torque over time")), "N·m"), (words(N_("Frequency over time")), "Hz")
     return Pictures(
         shown,
         preload_charts(words, axis, drawn, shown, history=history, events=events),
-        low_charts(words, drag, "drag_torque_nm", drawn, shown, events=worked),
+        low_charts(words, friction, "friction_torque_nm", drawn, shown, events=worked),
         low_charts(words, frequency, "frequency_hz", drawn, shown, events=worked),
     )
 

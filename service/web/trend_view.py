@@ -95,7 +95,7 @@ def preload_charts(
 
 
 def low_charts(
-    words: Words, name: tuple[str, str], quantity: Literal["drag_torque_nm", "frequency_hz"], drawn: Drawn,
+    words: Words, name: tuple[str, str], quantity: Literal["friction_torque_nm", "frequency_hz"], drawn: Drawn,
     shown: ShownRange, *, events: Sequence[LaneEvent] = (),
 ) -> Charts:  # fmt: skip
     """Draw another quantity of the same measurements, by its title and its unit."""

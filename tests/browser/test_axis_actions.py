@@ -198,7 +198,9 @@ def test_measurements_are_filtered_and_taken_away_as_a_table(served: Site, visit
 def test_data_quality_counts_the_newest(served: Site, visit: Visit) -> None:
     page = visit(served.url, "/axes/alarm")
     expect(page.locator("#quality")).to_contain_text("The last 13 measurements")
-    expect(page.locator("#quality").get_by_role("row", name=re.compile("^without drag torque"))).to_contain_text("13")
+    expect(page.locator("#quality").get_by_role("row", name=re.compile("^without friction torque"))).to_contain_text(
+        "13"
+    )
 
 
 @pytest.mark.parametrize(

@@ -286,6 +286,45 @@ def case_session(machine: Machine, case: Case, rng: np.random.Generator, *, day:
     )
 
 
+#: Ways in which a healthy axis is measured within what its calibration has seen: any doubt about it is false.
+REGIMES = {
+    "shop": "a year in the shop, everything stated",
+    "payload": "payloads inside the calibrated range",
+    "places": "other places than the calibrated ones",
+    "speed": "half speed, which the calibration has seen",
+    "temperature": "cold and warm",
+    "friction": "another friction, as days differ",
+}
+
+
+def regime_calibration(machine: Machine, regime: str, rng: np.random.Generator) -> Session:
+    """Record the calibration that a regime lies within: for another speed, a second session at that speed."""
+    session = calibration_session(machine, rng)
+    if regime != "speed":
+        return session
+    slower = calibration_session(replace(machine, acquisition=_slower(machine, machine.acquisition)), rng)
+    renamed = tuple(replace(w, measurement=f"{w.measurement}-slow") for w in slower.windows)
+    return Session(machine.name, session.windows + renamed)
+
+
+def regime_sessions(machine: Machine, regime: str, rng: np.random.Generator, days: int) -> Iterator[Truth]:
+    """Record a session a day of a healthy axis, five places each."""
+    if regime == "shop":
+        yield from shop_year(machine, rng, measured=sorted(rng.choice(365, days, replace=False).tolist()))
+        return
+    acquisition = _slower(machine, machine.acquisition) if regime == "speed" else machine.acquisition
+    low, high = machine.positions(2)
+    for day in range(days):
+        places = rng.uniform(low, high, 5).round(3) if regime == "places" else machine.positions(5)
+        payload = float(rng.uniform(0.0, max(machine.payloads))) if regime == "payload" else 0.0
+        temperature = float(rng.uniform(16.0, 34.0)) if regime == "temperature" else 22.0
+        friction = float(np.exp(0.15 * rng.standard_normal())) if regime == "friction" else 1.0
+        tagged = [Condition(float(x), machine.healthy, payload, temperature) for x in places]
+        true = [replace(condition, friction_scale=friction) for condition in tagged]
+        started_at = START + timedelta(days=30 + day)
+        yield recorded_session(machine, tagged, true, rng, acquisition=acquisition, started_at=started_at)
+
+
 @dataclass(frozen=True, slots=True)
 class ShopYear:
     """What a healthy axis lives through in a year; nothing of it is a loss of preload."""
@@ -333,11 +372,14 @@ def shop_year(
     days: int = 365,
     year: ShopYear | None = None,
     lost: Sequence[float] = (),
+    *,
+    measured: Sequence[int] | None = None,
 ) -> Iterator[Truth]:
     """Record one session a day, eight windows at each of five places, of an axis that has lost so much preload [N].
 
-    It stays as it is where nothing is said.
+    It stays as it is where nothing is said. ``measured`` are the days on which it is measured, by default all.
     """
+    measured = range(days) if measured is None else measured
     year = year or ShopYear()
     preload = machine.healthy - (np.array(lost) if len(lost) else np.zeros(days))
     air, structure = year.air(rng, days)
@@ -347,8 +389,8 @@ def shop_year(
     home = year.home * rng.standard_normal(days // 7 + 1)
     acquisition = replace(machine.acquisition, n_windows=_WINDOWS_A_PLACE)
     places = machine.positions(5)
-    for first in range(0, days, _DAYS_AT_ONCE):
-        chunk = range(first, min(first + _DAYS_AT_ONCE, days))
+    for first in range(0, len(measured), _DAYS_AT_ONCE):
+        chunk = measured[first : first + _DAYS_AT_ONCE]
         tagged = [Condition(x, machine.healthy, temperature=round(float(air[day]), 1)) for day in chunk for x in places]
         true = [
             replace(

@@ -1,4 +1,4 @@
-"""Drag torque from ramp moves whose friction, inertia and offset are known."""
+"""Friction and drag torque from ramp moves whose friction, inertia and offset are known."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque, friction_torque
+from monitor_core.preload.drag_torque import (
+    DragTorque,
+    Friction,
+    estimate_drag_torque,
+    estimate_friction,
+    friction_torque,
+)
 from monitor_core.recording import (
     Conditions,
     ExcitationQuantity,
@@ -149,7 +155,7 @@ def test_work_of_the_moves_knows_friction_better_than_their_constant_velocity():
     scatter = Scatter(0.0, 0.0, 0.0, 0.0)
     session = recorded_session(MEDIUM, tagged, true, np.random.default_rng(14), scatter=scatter).session
     measured = [session.windows_of(name) for name in session.measurements]
-    by_work = np.log([friction_torque(windows) for windows in measured])
+    by_work = np.log([friction_torque(windows).value for windows in measured])
     by_velocity = np.log([estimate_drag_torque(windows).drag.value for windows in measured])
     noise, other = (np.hypot(v[::2].std(), v[1::2].std()) for v in (by_work, by_velocity))
     assert noise < 0.2 * other
@@ -162,7 +168,41 @@ def test_friction_torque_leaves_an_offset_out():
     plain, offset = (
         friction_torque([window(np.random.default_rng(12 + i), offset=zero) for i in range(15)]) for zero in (0.0, 0.5)
     )
-    assert plain == pytest.approx(offset, rel=1e-3)
+    assert plain.value == pytest.approx(offset.value, rel=1e-3)
+
+
+def test_friction_torque_scatters_as_it_says():
+    rng = np.random.default_rng(15)
+    found = [friction_torque([window(rng, scatter=0.02) for _ in range(6)]) for _ in range(150)]
+    stated = np.mean([torque.standard_uncertainty**2 for torque in found])
+    # a variance of 150 is known to 12 %, that of 6 windows each to 6 %
+    assert np.var([torque.value for torque in found], ddof=1) == pytest.approx(stated, rel=0.4)
+
+
+def test_friction_is_that_of_the_work_and_of_few_windows_the_drag():
+    rng = np.random.default_rng(16)
+    windows = [window(rng) for _ in range(4)]
+    steps = np.concatenate([np.diff(w.position_trace, append=w.position_trace[-1]) for w in windows])
+    torque = np.concatenate([w.excitation for w in windows])
+    longer = replace(windows[0], excitation=torque, response=np.zeros_like(torque), position_trace=np.cumsum(steps))
+    of_work, of_drag = estimate_friction(windows), estimate_friction([longer])
+    assert isinstance(of_work, Friction)
+    assert isinstance(of_drag, Friction)
+    assert of_work.torque == friction_torque(windows)
+    assert of_drag.torque == of_drag.drag.drag
+    assert of_drag.torque.value == pytest.approx(of_work.torque.value, rel=0.1)  # ringing works, too
+    assert isinstance(estimate_friction([replace(w, position_trace=None) for w in windows]), Rejection)
+
+
+def test_motion_in_one_direction_tells_no_friction_torque():
+    rng = np.random.default_rng(17)
+    forth = [
+        replace(w, excitation=w.excitation[450:], response=w.response[450:], position_trace=w.position_trace[450:])
+        for w in (window(rng) for _ in range(6))
+    ]
+    refusal = friction_torque(forth)
+    assert isinstance(refusal, Rejection)
+    assert "in both directions" in refusal.detail
 
 
 @pytest.mark.parametrize(

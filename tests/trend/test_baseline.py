@@ -62,7 +62,7 @@ def test_measurements_of_a_day_are_one_session():
 @pytest.mark.parametrize(
     "bad",
     [{"value": math.nan}, {"standard_uncertainty": -1.0}, {"systematic_uncertainty": math.inf},
-     {"temperature": math.inf}, {"drag_torque": math.nan}],
+     {"temperature": math.inf}, {"friction_torque": math.nan}],
 )  # fmt: skip
 def test_a_broken_observation_is_refused(bad):
     with pytest.raises(OutsideValidityError, match="must be finite"):

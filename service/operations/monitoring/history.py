@@ -109,5 +109,5 @@ def _session(record: SessionRecord) -> MeasuredSession:
         record.n_measurements,
         record.feature_s2,
         temperature=record.temperature_c,
-        drag_torque=record.drag_torque_nm,
+        friction_torque=record.friction_torque_nm,
     )

@@ -160,7 +160,7 @@ class Quality:
     n_refused: int
     n_in_doubt: int
     n_without_temperature: int
-    n_without_drag_torque: int
+    n_without_friction_torque: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,7 +245,7 @@ class Trend:
                 n_refused=sum(point.refusal_reason is not None for point in points),
                 n_in_doubt=sum(bool(point.doubts) for point in points),
                 n_without_temperature=sum(point.temperature_c is None for point in points),
-                n_without_drag_torque=sum(point.drag_torque_nm is None for point in points),
+                n_without_friction_torque=sum(point.friction_torque_nm is None for point in points),
             )
             if points
             else None

@@ -51,6 +51,7 @@ class TrendPoint:
     feature_scatter_s2: float | None = None  # what its interval allows for, of what is new in each session
     learnt_scatter_s2: float | None = None  # from session to session, as the axis had shown before
     place_uncertainty: float | None = None  # of its preload against other places of its session, relative
+    friction_torque_nm: float | None = None  # None also of measurements that an older program judged
     places_disagree: str | None = None  # how the places of its session contradict each other, in words
 
     @property

@@ -21,7 +21,7 @@ class SessionRecord:
     n_measurements: int
     feature_s2: float  # mean
     temperature_c: float | None
-    drag_torque_nm: float | None
+    friction_torque_nm: float | None
     residual: float | None  # in standard deviations; none while the baseline was learnt
     reference: float | None  # of the CUSUM
     alarmed: bool

@@ -42,6 +42,7 @@ class ShownPoint(NamedTuple):
     interval_lower_n: float | None
     interval_upper_n: float | None
     drag_torque_nm: float | None
+    friction_torque_nm: float | None
     feature_s2: float | None
     uncharted: str | None
     state: str
@@ -76,6 +77,7 @@ class ToldColumns(NamedTuple):
     interval_lower_n: Sequence[float | None]
     interval_upper_n: Sequence[float | None]
     drag_torque_nm: Sequence[float | None]
+    friction_torque_nm: Sequence[float | None]
     feature_s2: Sequence[float | None]
     uncharted: Sequence[str | None]
     state: Sequence[str]

@@ -34,7 +34,7 @@ _PACKED = ("learnt", "known", "beginnings")  # members of the detector that hold
 _STATE = StoredRecord(
     "state of the charts",
     TypeAdapter(AxisState),
-    version=5,  # all sessions are weighed together, too; a structure lags behind its thermometer
+    version=6,  # friction is that of all moves, known in nearly every measurement
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
 )
 _DESIGN = StoredRecord(
@@ -136,7 +136,7 @@ def session_record(axis_number: int, calibration_id: int, epoch: int, over: Clos
         n_measurements=session.count,
         feature_s2=session.value,
         temperature_c=session.temperature,
-        drag_torque_nm=session.drag_torque,
+        friction_torque_nm=session.friction_torque,
         residual=over.residual,
         reference=over.reference,
         alarmed=over.alarmed,

@@ -378,7 +378,7 @@ def _advanced(state: AxisState, point: TrendPoint, calibration: Calibration, des
         point.at,
         Estimate(point.feature_s2, point.feature_uncertainty_s2),
         Conditions(metres(point.position_mm), point.payload_kg, point.temperature_c),
-        point.drag_torque_nm,
+        point.friction_torque_nm,
         in_doubt=point.doubt is not None,
         place=_place_of(point),
     )

@@ -10,7 +10,7 @@ from sqlalchemy import Connection
 
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import MeasurementOutcome, judge_measurement
-from monitor_core.preload import Calibration, DragTorque, PreloadEstimate, place_reading
+from monitor_core.preload import Calibration, PreloadEstimate, place_reading
 from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.trend import TrendStatus
@@ -148,7 +148,8 @@ def judged_point(
     """Return a measurement as a point of the trend, whose state the charts have still to say."""
     modal = outcome.modal if isinstance(outcome.modal, ModalMeasurement) else None
     estimate = outcome.preload if isinstance(outcome.preload, PreloadEstimate) else None
-    drag = outcome.drag_torque.drag.value if isinstance(outcome.drag_torque, DragTorque) else None
+    friction = None if isinstance(outcome.friction, Rejection) else outcome.friction
+    drag = None if friction is None or isinstance(friction.drag, Rejection) else friction.drag.drag
     refusal = outcome.refusal
     return TrendPoint(
         axis_number=axis_number,
@@ -165,7 +166,8 @@ def judged_point(
         preload_n=None if estimate is None else finite_or_null(estimate.preload),
         interval_lower_n=None if estimate is None else finite_or_null(estimate.interval.lower),
         interval_upper_n=None if estimate is None else finite_or_null(estimate.interval.upper),
-        drag_torque_nm=None if drag is None else finite_or_null(drag),
+        drag_torque_nm=None if drag is None else finite_or_null(drag.value),
+        friction_torque_nm=None if friction is None else finite_or_null(friction.torque.value),
         feature_s2=None if estimate is None else estimate.feature.value,
         feature_uncertainty_s2=None if estimate is None else estimate.feature_own_uncertainty,
         epoch=epoch,
