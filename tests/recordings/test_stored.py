@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
+from nptdms.tdms_segment import TdmsSegment
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.check import check_file
@@ -82,6 +83,14 @@ def test_of_a_long_file_a_look_sees_all_samples_and_an_import_reads_those_that_a
         faults += [name] if not summaries["time"].remarks or not summaries["acceleration"].is_clipped else []
         faults += [name] if summaries["torque"].remarks else []
     assert not faults, faults
+
+
+def test_what_the_segments_of_a_tdms_file_say_is_read_once(tmp_path, monkeypatch):
+    write_tdms(tmp_path / "a.tdms", signals())
+    read, n_read = TdmsSegment.read_segment_objects, []
+    monkeypatch.setattr(TdmsSegment, "read_segment_objects", lambda *of: [n_read.append(1), read(*of)][1])
+    assert check_file(tmp_path / "a.tdms").valid
+    assert len(n_read) == 3  # of 100 000 rows each
 
 
 def test_of_a_long_channel_what_a_part_of_it_shows_is_found():

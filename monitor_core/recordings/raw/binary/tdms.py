@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,11 +25,14 @@ from monitor_core.recordings.raw.channels import PIECE, Channel, Channels, Store
 
 if TYPE_CHECKING:
     from nptdms import TdmsChannel, TdmsFile
+    from nptdms.reader import TdmsReader
 
 #: Zero of TDMS time stamps. LabVIEW writes it where it knows no time, for instance with relative time.
 _NO_TIME = np.datetime64("1904-01-01T00:00:00")
 _LEAD_IN = 28
-_BIG_ENDIAN = 1 << 6
+_INTERLEAVED, _BIG_ENDIAN = 1 << 5, 1 << 6
+#: Of so many bytes all channels are in memory together, and of none fewer samples.
+_AT_ONCE, _FEWEST = 2**24, 2**12
 _VERSIONS = (4712, 4713)
 #: What npTDMS can apply; anything else it would leave unscaled.
 _SCALES = frozenset(("Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract",
@@ -67,7 +70,7 @@ def read_channels(path: Path) -> Channels:
     _require_whole_segments(path, n_bytes)
     channels, left_out = list[Channel](), list[str]()
     with _opened(path) as file:
-        parts = _parts(path)
+        parts = _parts(file)
         if file.file_status.channel_statuses is not None:
             raise RecordingFormatError(f"{path.name}: expected whole chunks of samples; the last one is cut off")
         for number, channel in enumerate(_all_channels(file)):
@@ -87,18 +90,43 @@ def read_channels(path: Path) -> Channels:
             if _seconds_of_x(channel.properties) is None:
                 left_out.append(f"{name} (over {channel.properties['wf_xunit_string']}, not over time)")
                 continue
-            samples = stored_samples((len(channel),), _samples_of(channel), number, partial(_pieces, path))
+            own = (native_samples(chunk) for _, chunk in _chunks(file, (number,)))
+            samples = stored_samples((len(channel),), own, number, partial(_pieces, path, file.told))
             stated = parts.get(channel.path) or [_Part(len(channel), dict(channel.properties))]
             channels.append(_channel(channel, name, path.name, stated, samples))
     return Channels(path.name, tuple(channels), left_out=tuple(left_out))
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator["TdmsFile"]:
+def _opened(path: Path, told: Mapping[str, object] | None = None) -> Iterator["TdmsFile"]:
+    """Open a file, which keeps as ``stated`` the properties of each segment, and not only the last of them.
+
+    ``told``: what the segments of the same file told when it was opened before; they are not read again.
+    """
     from nptdms import TdmsFile  # noqa: PLC0415
 
+    class File(TdmsFile):  # type: ignore[misc]  # of no type
+        def _read_file(self, reader: "TdmsReader", *how: bool) -> None:
+            self.stated: list[dict[str, dict[str, object]]] = []
+            update = reader._update_object_properties
+
+            def keep(of_segment: Mapping[str, Iterable[tuple[str, object]]] | None) -> None:
+                update(of_segment)
+                self.stated.append({of: dict(pairs) for of, pairs in (of_segment or {}).items()})
+
+            reader._update_object_properties = keep
+            if told is not None:
+                vars(reader).update(told)
+                reader.read_metadata = lambda **_: None
+            super()._read_file(reader, *how)
+            self.told = {name: vars(reader)[name] for name in ("_segments", "object_metadata", "tdms_version")}
+
     # opened here, because npTDMS would prefer a neighbouring *.tdms_index, which may be of another recording
-    with refusing(path.name, "a TDMS file"), path.open("rb") as stream, TdmsFile.open(stream) as file:
+    with (
+        refusing(path.name, "a TDMS file"),
+        path.open("rb") as stream,
+        File(stream, read_metadata_only=True, keep_open=True) as file,
+    ):
         yield file
 
 
@@ -106,17 +134,38 @@ def _all_channels(file: "TdmsFile") -> list["TdmsChannel"]:
     return [channel for group in file.groups() for channel in group.channels()]
 
 
-def _samples_of(channel: "TdmsChannel") -> Iterator[SampleArray]:
-    for start in range(0, len(channel), PIECE):
-        yield native_samples(channel[start : start + PIECE])
-
-
-def _pieces(path: Path, wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
-    with _opened(path) as file:
-        channels = _all_channels(file)
+def _chunks(file: "TdmsFile", wanted: Collection[int]) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the samples of channels as the file is written; each channel by itself where few are wanted of much."""
+    channels = _all_channels(file)
+    at_once = max(
+        segment._get_chunk_size() * (segment.num_chunks if segment.toc_mask & _INTERLEAVED else 1)
+        for segment in file._reader._segments
+    )
+    if 2 * len(wanted) < len(channels) or at_once > _AT_ONCE:
         for number in wanted:
-            for piece in _samples_of(channels[number]):
-                yield number, piece
+            for chunk in channels[number].data_chunks():
+                yield number, chunk[:]
+                del chunk  # before the next is read: it may hold all samples of its channel
+        return
+    places = [(number, channels[number].group_name, channels[number].name) for number in wanted]
+    for chunk in file.data_chunks():
+        yield from ((number, chunk[group][name][:]) for number, group, name in places)
+
+
+def _pieces(path: Path, told: Mapping[str, object], wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
+    most = max(PIECE >> (len(wanted) - 1).bit_length(), _FEWEST)  # those of all channels are in memory together
+    waiting, sizes = {number: list[np.ndarray]() for number in wanted}, dict.fromkeys(wanted, 0)
+    with _opened(path, told) as file:
+        for number, chunk in _chunks(file, wanted):
+            for start in range(0, len(chunk), most):
+                waiting[number].append(chunk[start : start + most].copy())
+                sizes[number] += len(waiting[number][-1])
+                if sizes[number] >= most:
+                    joined = np.concatenate(waiting[number])
+                    waiting[number], sizes[number] = [joined[most:]], joined.size - most
+                    yield number, native_samples(joined[:most])
+            del chunk
+    yield from ((number, native_samples(np.concatenate(parts))) for number, parts in waiting.items() if sizes[number])
 
 
 def _require_whole_segments(path: Path, n_bytes: int) -> None:
@@ -156,29 +205,13 @@ class _Part:
     properties: Mapping[str, object]
 
 
-def _parts(path: Path) -> dict[str, list[_Part]]:
+def _parts(file: "TdmsFile") -> dict[str, list[_Part]]:
     """Return the samples of each channel, by its path, as the segments part them that state other properties."""
-    from nptdms.reader import TdmsReader, _number_of_segment_values  # noqa: PLC0415
-
-    class Reader(TdmsReader):  # type: ignore[misc]  # of no type
-        """Reader that keeps what each segment states, and not only the last of it."""
-
-        def __init__(self, stream: BinaryIO) -> None:
-            super().__init__(stream)
-            self.stated: list[dict[str, dict[str, object]]] = []
-
-        def _update_object_properties(
-            self, segment_object_properties: Mapping[str, Iterable[tuple[str, object]]] | None
-        ) -> None:
-            super()._update_object_properties(segment_object_properties)
-            self.stated.append({of: dict(pairs) for of, pairs in (segment_object_properties or {}).items()})
+    from nptdms.reader import _number_of_segment_values  # noqa: PLC0415
 
     parts, known = dict[str, list[_Part]](), dict[str, dict[str, object]]()
     first = dict[str, dict[str, object]]()  # what is stated once, behind the samples or in a later segment, is of all
-    with path.open("rb") as stream:
-        reader = Reader(stream)
-        reader.read_metadata()
-    for segment, stated in zip(reader._segments, reader.stated, strict=True):
+    for segment, stated in zip(file._reader._segments, file.stated, strict=True):
         for of, properties in stated.items():
             before = known.get(of, {})
             told = {key: value for key, value in properties.items() if key.startswith(_OF_SAMPLES)}
