@@ -1,8 +1,10 @@
 """Draw SVG without a script: elements that escape whatever is put into them, scales, ticks."""
 
+import html
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -23,9 +25,9 @@ def element(tag: str, *children: str, **attributes: str | float) -> Markup:
 
     An underscore in the name of an attribute stands for a dash and one at its end is left out, as in ``class_``.
     """
-    written = [f' {name.rstrip("_").replace("_", "-")}="{_written(value)}"' for name, value in attributes.items()]
-    inside = "".join(str(escape(child)) for child in children)
-    return Markup(f"<{tag}{''.join(written)}>{inside}</{tag}>")  # noqa: S704 - each part is escaped above
+    written = [f' {_named(name)}="{_written(value)}"' for name, value in attributes.items()]
+    inside = [child if isinstance(child, Markup) else escape(child) for child in children]
+    return Markup("".join([f"<{tag}", *written, ">", *inside, f"</{tag}>"]))  # noqa: S704 - each part is escaped above
 
 
 def joined(parts: Sequence[Markup]) -> Markup:
@@ -149,9 +151,8 @@ def place_grid(
 
 def value_grid(scale: Axis, left: float, right: float, count: int, write: Callable[[str], str] = str) -> Markup:
     """Draw a line across at about so many round values, each with its number; ``write`` puts that into a language."""
-    drawn = []
-    for value in scale.ticks(count):
-        y = float(scale(value))
+    drawn, ticks = [], scale.ticks(count)
+    for value, y in zip(ticks, scale(np.array(ticks)).tolist(), strict=True):
         drawn.append(element("line", x1=left, y1=y, x2=right, y2=y, class_="grid"))
         drawn.append(label(write(tick(value)), left - 6.0, y + 5.0, text_anchor="end", class_="quiet"))
     return joined(drawn)
@@ -186,8 +187,13 @@ def path_through(x: FloatArray, y: FloatArray) -> str:
     return "".join(parts)
 
 
+@cache
+def _named(name: str) -> str:
+    return name.rstrip("_").replace("_", "-")
+
+
 def _written(value: str | float) -> str:
-    return str(escape(value)) if isinstance(value, str) else f"{value:.1f}".removesuffix(".0")
+    return html.escape(value) if isinstance(value, str) else f"{value:.1f}".removesuffix(".0")
 
 
 def _round_step(rough: float) -> float:

@@ -4,6 +4,7 @@ One drawing for pages, reports and print: colours are those of the style sheet, 
 axes of one type have left of their baselines is drawn on the same axis of time.
 """
 
+import html
 import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Final
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
 from service.report.svg import Axis, Frame, axis_over, element, image, joined, label, path_through, value_grid
@@ -56,7 +57,7 @@ _RADIUS: Final = 4.0
 class Marks:
     """Measurements in a chart, column by column; a value that is not known is NaN, and stands at the foot."""
 
-    at: Sequence[datetime]
+    at: FloatArray  # [s since 1970]
     value: FloatArray
     lower: FloatArray  # NaN where no interval is drawn
     upper: FloatArray  # infinite where it is open
@@ -129,12 +130,12 @@ def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str]) 
 
     If its marks lead to their measurements, the picture is a group for a screen reader, else an image.
     """
-    time = _TimeAxis(shown.start, shown.end, Axis(0.0, 1.0, frame.left + 8.0, frame.right - 8.0))
+    time = _TimeAxis(shown.start.timestamp(), shown.end.timestamp(), frame.left + 8.0, frame.right - 8.0)
     scale = _scale(shown, frame)
     parts = [
         _band(shown.band, scale, frame),
         _grid(scale, frame, write, shown.unit),
-        _times(time, frame),
+        _times(time, time_ticks(shown.start, shown.end, frame.places), frame),
         _line(shown.line, time, scale, frame),
         _wedge(shown.wedge, time, scale),
         _lane(shown.events, time, frame),
@@ -177,20 +178,23 @@ def sparkline(values: Sequence[float | None], kind: str, words: str) -> Markup:
 
 @dataclass(frozen=True, slots=True)
 class _TimeAxis:
-    start: datetime
-    end: datetime
-    axis: Axis
+    start: float  # [s since 1970], as all here
+    end: float
+    left: float
+    right: float
 
-    def places(self, moments: Sequence[datetime]) -> FloatArray:
-        whole = (self.end - self.start).total_seconds() or 1.0
-        since = np.array([(moment - self.start).total_seconds() for moment in moments], dtype=np.float64)
-        return self.axis(since / whole)
+    @property
+    def per_second(self) -> float:
+        return (self.right - self.left) / ((self.end - self.start) or 1.0)
+
+    def places(self, at: FloatArray) -> FloatArray:
+        return self.left + (at - self.start) * self.per_second
 
     def place(self, moment: datetime) -> float:
-        return float(self.places([moment])[0])
+        return self.left + (moment.timestamp() - self.start) * self.per_second
 
     def holds(self, moment: datetime) -> bool:
-        return self.start <= moment <= self.end
+        return self.start <= moment.timestamp() <= self.end
 
 
 def _scale(shown: TrendPicture, frame: Frame) -> Axis:
@@ -198,11 +202,11 @@ def _scale(shown: TrendPicture, frame: Frame) -> Axis:
     values, ends = shown.marks.value, np.concatenate([shown.marks.lower, shown.marks.upper])
     levels = [] if shown.band is None else [shown.band.lower, shown.band.upper]
     ahead = [] if shown.wedge is None else [*shown.wedge.lower, *shown.wedge.upper]
-    shown_values = np.array([*values[np.isfinite(values)], *levels, *ahead])
+    shown_values = np.concatenate([values[np.isfinite(values)], levels, ahead])
     if shown_values.size:
         reach = 1.5 * max(float(np.ptp(shown_values)), 0.2 * float(np.abs(shown_values).max()))
         ends = np.clip(ends[np.isfinite(ends)], shown_values.min() - reach, shown_values.max() + reach)
-    return axis_over(np.array([*shown_values, *ends]), frame.bottom - 18.0, frame.top)
+    return axis_over(np.concatenate([shown_values, ends]), frame.bottom - 18.0, frame.top)
 
 
 def _grid(scale: Axis, frame: Frame, write: Callable[[str], str], unit: str) -> Markup:
@@ -210,9 +214,9 @@ def _grid(scale: Axis, frame: Frame, write: Callable[[str], str], unit: str) -> 
     return joined([value_grid(scale, frame.left, frame.right, frame.values, write), named])
 
 
-def _times(time: _TimeAxis, frame: Frame) -> Markup:
+def _times(time: _TimeAxis, ticks: Sequence[tuple[datetime, str]], frame: Frame) -> Markup:
     drawn = [element("line", x1=frame.left, y1=frame.bottom, x2=frame.right, y2=frame.bottom, class_="grid")]
-    for moment, words in time_ticks(time.start, time.end, frame.places):
+    for moment, words in ticks:
         x, half = time.place(moment), _CHARACTER * len(words) / 2.0
         drawn.append(element("line", x1=x, y1=frame.bottom, x2=x, y2=frame.bottom + 5.0, class_="grid"))
         if x - half > 0.0 and x + half < frame.width:
@@ -223,9 +227,8 @@ def _times(time: _TimeAxis, frame: Frame) -> Markup:
 def _band(band: Band | None, scale: Axis, frame: Frame) -> Markup:
     if band is None:
         return Markup()
-    lower, upper, level = (
-        min(max(float(scale(v)), frame.top), frame.bottom) for v in (band.lower, band.upper, band.level)
-    )
+    ends = scale(np.array([band.lower, band.upper, band.level]))
+    lower, upper, level = np.clip(ends, frame.top, frame.bottom).tolist()
     width = frame.right - frame.left
     return joined([
         element("rect", x=frame.left, y=upper, width=width, height=max(lower - upper, 0.0), class_="band"),
@@ -236,7 +239,7 @@ def _band(band: Band | None, scale: Axis, frame: Frame) -> Markup:
 def _wedge(wedge: Wedge | None, time: _TimeAxis, scale: Axis) -> Markup:
     if wedge is None:
         return Markup()
-    x = time.places(wedge.at)
+    x = np.array([time.place(moment) for moment in wedge.at])
     lower, upper, values = (scale(np.array(ends)) for ends in (wedge.lower, wedge.upper, wedge.values))
     around = path_through(np.concatenate([x, x[::-1]]), np.concatenate([upper, lower[::-1]]))
     return joined([
@@ -292,7 +295,8 @@ def _marks(marks: Marks, time: _TimeAxis, scale: Axis, frame: Frame) -> Markup:
     drawn = [_path(f"whisker {kind}", "".join(lines)) for kind, lines in whiskers.items()]
     if marks.links:
         drawn += [
-            f'<a href="{escape(address)}" tabindex="-1"><title>{escape(said)}</title>{_path(f"mark {kind}", shape)}</a>'
+            f'<a href="{html.escape(address)}" tabindex="-1"><title>{html.escape(said)}</title>'
+            f"{_path(f'mark {kind}', shape)}</a>"
             for (address, said), kind, shape in zip(marks.links, marks.kind, shapes, strict=True)
         ]
     else:
@@ -305,7 +309,7 @@ def _marks(marks: Marks, time: _TimeAxis, scale: Axis, frame: Frame) -> Markup:
 
 def _path(style: str, outline: str) -> str:
     """Write an element of which there are hundreds; :func:`element` looks at each of its parts."""
-    return f'<path d="{outline}" class="{escape(style)}"></path>'
+    return f'<path d="{outline}" class="{html.escape(style)}"></path>'
 
 
 def _shape(kind: str, x: float, y: float) -> str:
@@ -341,14 +345,15 @@ class ShareLine:
 def sisters_chart(title: str, lines: Sequence[ShareLine], frame: Frame, write: Callable[[str], str]) -> Markup:
     """Draw all lines in one picture; each has a number at its end, as in the table by it."""
     moments = [moment for line in lines for moment in line.at]
-    time = _TimeAxis(min(moments), max(moments), Axis(0.0, 1.0, frame.left + 8.0, frame.right - 28.0))
+    start, end = min(moments), max(moments)
+    time = _TimeAxis(start.timestamp(), end.timestamp(), frame.left + 8.0, frame.right - 28.0)
     shares = 100.0 * np.array([share for line in lines for share in line.share])
     scale = axis_over(shares, frame.bottom - 8.0, frame.top)
     drawn = [_grid(scale, frame, write, "%")]
-    for moment, words in time_ticks(time.start, time.end, frame.places):
+    for moment, words in time_ticks(start, end, frame.places):
         drawn.append(label(words, time.place(moment), frame.height - 8.0, text_anchor="middle", class_="quiet"))
     for number, line in enumerate(lines):
-        x = time.places(line.at)
+        x = np.array([time.place(moment) for moment in line.at])
         y = np.asarray(scale(100.0 * np.array(line.share)))
         dashes = "" if line.is_own else DASHES[1 + number % (len(DASHES) - 1)]
         drawn.append(

@@ -12,7 +12,7 @@ from service.errors import UnknownResourceError
 from service.json_types import JsonObject
 from service.store.tables import AxisRow, CountsByReason, MaintenanceRow
 
-_KEY = select(AxisRow.number, AxisRow.revision).where(AxisRow.id == bindparam("axis_id"))
+_KEY = select(AxisRow.number, AxisRow.revision, AxisRow.active_calibration_id).where(AxisRow.id == bindparam("axis_id"))
 _AXIS = select(AxisRow).where(AxisRow.id == bindparam("axis_id"))
 #: What is stored of an axis as documents: its configuration, the state and the limits of its charts.
 _DOCUMENTS = (AxisRow.configuration, AxisRow.monitor_state, AxisRow.detector_design)
@@ -103,6 +103,7 @@ class AxisKey(NamedTuple):
 
     number: int
     revision: int  # how often its row was changed: with every measurement that was judged, for one
+    calibration_id: int | None  # in force
 
 
 def key_of(connection: Session | Connection, axis_id: str) -> AxisKey:

@@ -48,7 +48,7 @@ class Database:
         _COMMITS[self.engine] = _Commits()
         self.file = database_file(url)  # None: kept by a server
         self._locks = AxisLocks()
-        self._moment = local()  # of each thread: the connection of :meth:`at_one_moment`
+        self._moment = local()  # of each thread: the session of :meth:`at_one_moment`
         self._schema: str | None = None  # that this program writes, as soon as it is brought up to date
 
     @contextmanager
@@ -79,20 +79,20 @@ class Database:
 
     @contextmanager
     def at_one_moment(self) -> Iterator[None]:
-        """Let all that is read inside be read over one connection, as :func:`reading` does: a page is many answers."""
-        with self.connect() as connection, reading(connection):
-            self._moment.connection = connection
+        """Let all that is read inside be read in one session, at one moment: a page is many answers."""
+        with self.read() as session:
+            self._moment.session = session
             try:
                 yield
             finally:
-                self._moment.connection = None
+                self._moment.session = None
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
         """Open a connection, to read what was committed at one moment."""
-        opened: Connection | None = getattr(self._moment, "connection", None)
+        opened: Session | None = getattr(self._moment, "session", None)
         if opened is not None:
-            yield opened
+            yield opened.connection()
             return
         with self.connect() as connection, reading(connection):
             yield connection
@@ -100,6 +100,10 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[Session]:
         """Open a session for reading."""
+        opened: Session | None = getattr(self._moment, "session", None)
+        if opened is not None:
+            yield opened
+            return
         with self.reading() as connection, Session(connection, expire_on_commit=False) as session:
             yield session
 

@@ -19,11 +19,11 @@ from service.operations.discrepancy_job import finished_discrepancies
 from service.operations.fields import AxisId
 from service.operations.monitoring.history import AxisHistory
 from service.operations.monitoring.standing import facts_of, open_alarm
-from service.operations.monitoring.trend import AxisStatus, Only, Quality
+from service.operations.monitoring.trend import AxisStatus, Only
 from service.operations.retention import count_pins
 from service.report.trend_chart import LaneEvent
 from service.store.tables import AxisRow, MaintenanceRow
-from service.store.trend.points import Span
+from service.store.trend.points import Quality, Span
 from service.store.trend.shown import ShownPoint
 from service.web.fleet import is_trial
 from service.web.forms import RangeQuery, ShownRange, shown_range
@@ -110,16 +110,15 @@ def _pictures(
 def _drawn(
     axis: str, words: Words, query: RangeQuery, on: Services, *, history: AxisHistory, events: list[LaneEvent]
 ) -> Pictures | None:
-    earliest, latest = (
-        on.trend.page(axis, Span(), cursor=None, limit=1, newest_first=to).points for to in (False, True)
-    )
-    if not earliest:
+    ends = on.trend.ends(axis)
+    if ends is None:
         return None
-    shown = shown_range(f"/axes/{axis}", query, earliest[0].at, latest[0].at)
+    earliest, latest = ends
+    shown = shown_range(f"/axes/{axis}", query, earliest.at, latest.at)
     points = on.trend.at_resolution(axis, Span(shown.start, shown.end), MOST_SHOWN - 1).points
     # the present is shown, whatever is thinned out
-    if shown.start <= latest[0].at < shown.end and latest[0] not in points:
-        points = [*points, latest[0]]
+    if shown.start <= latest.at < shown.end and latest not in points:
+        points = [*points, latest]
     drawn, worked = Drawn.of(points), [event for event in events if event.kind == "work"]
     friction, frequency = (words(N_("Friction torque over time")), "N·m"), (words(N_("Frequency over time")), "Hz")
     return Pictures(

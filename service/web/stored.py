@@ -13,7 +13,6 @@ from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId, Text
 from service.operations.monitoring.rejudgements import RejudgementIn
 from service.operations.retention import Reason
-from service.store.trend.points import Span
 from service.web.forms import SpanForm
 from service.web.site import PageOf, done
 
@@ -47,13 +46,13 @@ class UnpinForm(BaseModel):
 def stored_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show what can be judged again and what is kept."""
     overview = on.calibrations.overview(axis)
-    ends = [on.trend.page(axis, Span(), cursor=None, limit=1, newest_first=newest).points for newest in (False, True)]
+    ends = on.trend.ends(axis)
     return page.show(
         "axis_stored.html",
         axis=on.axes.get(axis),
         calibrations=overview.calibrations,
         in_force=overview.active,
-        measured=(ends[0][0].at, ends[1][0].at) if ends[0] else None,
+        measured=None if ends is None else (ends[0].at, ends[1].at),
         pins=retention.list_pins(on.database, axis, None, _MOST_PINS),
         rule=on.surveys.rule,
     )

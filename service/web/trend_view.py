@@ -10,6 +10,7 @@ from typing import Final, Literal, TypeVar
 import numpy as np
 from markupsafe import Markup
 
+from monitor_core.arrays import FloatArray
 from service.documents.measurement import ends_of, numbers_of
 from service.documents.said import N_
 from service.operations.monitoring.alarms import AlarmView
@@ -106,7 +107,7 @@ def low_charts(
             "refused" if refusal else state for refusal, state in zip(told.refusal_reason, told.state, strict=True)
         ]
         nothing = np.full(len(kinds), math.nan)
-        marks = Marks(told.at, numbers_of(getattr(told, quantity)), nothing, nothing, kinds)
+        marks = Marks(_seconds(told), numbers_of(getattr(told, quantity)), nothing, nothing, kinds)
         return trend_chart(TrendPicture(*name, shown.start, shown.end, marks, events), frame, write)
 
     return twice(words, draw, LOW_WIDE, LOW_NARROW)
@@ -139,7 +140,7 @@ def thinned(points: Sequence[ShownPoint], most: int) -> list[ShownPoint]:
 
 def preload_marks(told: ToldColumns, words: Words | None = None, axis_id: str = "") -> Marks:
     """Return preloads as they are drawn; with words each leads to its measurement, and says its value."""
-    at, ends = told.at, ends_of(told)
+    ends = ends_of(told)
     value, lower, upper = numbers_of(told.preload_n), *map(numbers_of, ends)
     lower[np.isnan(value)] = math.nan
     upper[np.isnan(upper)] = math.inf
@@ -152,13 +153,20 @@ def preload_marks(told: ToldColumns, words: Words | None = None, axis_id: str = 
     links = [] if words is None else [
         (
             f"/axes/{axis_id}/measurements/{number}",
-            f"{moment:%Y-%m-%d %H:%M} UTC: {words(N_('refused')) if refusal else _value(words, preload, both)}",
+            f"{moment.replace('T', ' ')} UTC: {words(N_('refused')) if refusal else _value(words, preload, both)}",
         )
         for number, moment, refusal, preload, *both in zip(
-            told.measurement_id, at, told.refusal_reason, told.preload_n, *ends, strict=True
+            told.measurement_id,
+            np.datetime_as_string(np.array(told.at_us, "datetime64[us]"), unit="m").tolist(),
+            told.refusal_reason, told.preload_n, *ends, strict=True,
         )
     ]  # fmt: skip
-    return Marks(at, value, lower, upper, kinds, links)
+    return Marks(_seconds(told), value, lower, upper, kinds, links)
+
+
+def _seconds(told: ToldColumns) -> FloatArray:
+    """Return when each was measured [s since 1970]."""
+    return np.array(told.at_us, dtype=np.float64) / 1e6
 
 
 def _value(words: Words, preload: float | None, ends: Sequence[float | None]) -> str:

@@ -26,7 +26,7 @@ from service.operations.monitoring.axis_configuration import core_settings, load
 from service.operations.monitoring.intake.epochs import begin_by_calibration
 from service.operations.monitoring.stored_modes import measured_modes
 from service.store import calibrations, measurements
-from service.store.axes import get_axis
+from service.store.axes import get_axis, key_of
 from service.store.database import Database
 from service.store.tables import ActivationRow, CalibrationRow
 from service.store.waveforms import WaveformStore
@@ -114,11 +114,10 @@ class Calibrations:
     def overview(self, axis_id: str) -> CalibrationOverview:
         """Return the calibrations of an axis and their history."""
         with self._database.read() as session:
-            axis = get_axis(session, axis_id)
             return CalibrationOverview(
                 calibrations.list_calibrations(session, axis_id),
                 calibrations.list_activations(session, axis_id),
-                axis.active_calibration_id,
+                key_of(session, axis_id).calibration_id,
             )
 
     def get(self, axis_id: str, calibration_id: int) -> tuple[CalibrationRow, int | None]:

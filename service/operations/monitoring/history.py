@@ -33,7 +33,7 @@ from service.store.database import Database
 from service.store.lookup import Remembered
 from service.store.rejudged import Stale, stale_axes
 from service.store.tables import MaintenanceRow
-from service.store.trend.sessions import SessionRecord, newest_sessions
+from service.store.trend.sessions import SessionRecord, stored_sessions
 
 #: The newest sessions are looked at: a year of them, at one a day.
 MOST_SESSIONS = 400
@@ -76,12 +76,12 @@ class History:
         calibration = self._calibrations.numbered(connection, axis_id, row.active_calibration_id)
         if calibration is None or row.active_calibration_id is None:
             return AxisHistory(None, None, None)
-        sessions = newest_sessions(connection, row.number, row.active_calibration_id, MOST_SESSIONS)
+        sessions = stored_sessions(connection, row.number, row.active_calibration_id, MOST_SESSIONS)
         state, design = load_state(row.monitor_state).detector, load_design(row.detector_design)
         line, false_alarms = self._remembered.of(
             ("long run", axis_id),
             (hash(tuple(sessions)), row.active_calibration_id, row.epoch, row.detector_design),
-            lambda: _long_run(sessions, calibration, design, state.prior, row.epoch),
+            lambda: _long_run(list(map(SessionRecord.of, sessions)), calibration, design, state.prior, row.epoch),
         )
         alert = alert_view(state, calibration, design.settings.baseline_size)
         return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert)

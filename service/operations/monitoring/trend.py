@@ -28,10 +28,12 @@ from service.store.retention import LetGo, let_go
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, moment_of
 from service.store.trend.points import (
     Cursor,
+    Quality,
     Span,
     last_points,
     point_of,
     preloads,
+    quality_of_newest,
 )
 from service.store.trend.shown import PageOf, ShownPoint, ToldColumns, page_of_columns, page_of_points
 
@@ -153,17 +155,6 @@ class TrendPage(Generic[Points]):
 
 
 @dataclass(frozen=True, slots=True)
-class Quality:
-    """How good the newest measurements are."""
-
-    n: int
-    n_refused: int
-    n_in_doubt: int
-    n_without_temperature: int
-    n_without_friction_torque: int
-
-
-@dataclass(frozen=True, slots=True)
 class MeasurementView:
     """One measurement with the evidence behind its value; of one that is open there is none yet."""
 
@@ -238,18 +229,7 @@ class Trend:
 
     def _quality_of(self, row: AxisRow) -> Quality | None:
         with self._database.reading() as connection:
-            points = page_of_points(connection, row.number, PageOf(Span(), LOOKED_AT_FOR_QUALITY, newest_first=True))
-        return (
-            Quality(
-                n=len(points),
-                n_refused=sum(point.refusal_reason is not None for point in points),
-                n_in_doubt=sum(bool(point.doubts) for point in points),
-                n_without_temperature=sum(point.temperature_c is None for point in points),
-                n_without_friction_torque=sum(point.friction_torque_nm is None for point in points),
-            )
-            if points
-            else None
-        )
+            return quality_of_newest(connection, row.number, LOOKED_AT_FOR_QUALITY)
 
     def _paper_rule(self, row: AxisRow) -> PaperRule | None:
         if row.epoch_from is None:
@@ -326,6 +306,15 @@ class Trend:
             columns, goes_on = page_of_columns(on.connection, on.number, asked)
         following = _encode_cursor(columns.at_us[-1], columns.measurement_id[-1]) if goes_on else None
         return TrendPage(columns, following, on.revision, on.stale)
+
+    def ends(self, axis_id: str) -> tuple[ShownPoint, ShownPoint] | None:
+        """Return the first and the last measurement; None if nothing was measured yet."""
+        with self._opened(axis_id) as on:
+            first, last = (
+                page_of_points(on.connection, on.number, PageOf(Span(), 1, newest_first=newest))
+                for newest in (False, True)
+            )
+        return (first[0], last[0]) if first else None
 
     def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage[list[ShownPoint]]:
         """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload."""

@@ -3,13 +3,16 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
+from typing import NamedTuple
 
 from sqlalchemy import (
     BigInteger,
     ColumnElement,
     Connection,
+    Select,
     String,
     and_,
+    bindparam,
     delete,
     func,
     insert,
@@ -19,7 +22,7 @@ from sqlalchemy import (
 
 from monitor_core.preload import DoubtReason
 from service.store.tables import AxisRow
-from service.store.trend.tables import table_of
+from service.store.trend.tables import stored_rows, table_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +96,7 @@ _COLUMNS = [POINTS.c[name] for name in TrendPoint.__slots__]
 TOO_LATE = "too-late"
 _IN_TIME = POINTS.c.uncharted.is_distinct_from(TOO_LATE)
 _ADD = insert(POINTS)
+_ORDER = (POINTS.c.at, POINTS.c.measurement_id)
 
 
 def add_point(connection: Connection, point: TrendPoint) -> None:
@@ -207,21 +211,61 @@ def last_points(connection: Connection) -> dict[int, TrendPoint]:
     return {row.axis_number: TrendPoint(*row) for row in newest if row.axis_number is not None}
 
 
+def _preloads(*, newest: bool) -> Select[tuple[datetime, float]]:
+    searched = select(POINTS.c.at, POINTS.c.preload_n, POINTS.c.epoch).where(
+        POINTS.c.axis_number == bindparam("axis"), POINTS.c.at >= bindparam("since")
+    )
+    nearest = searched.order_by(POINTS.c.at.desc() if newest else POINTS.c.at).limit(MOST_SEARCHED).subquery()
+    return (
+        select(nearest.c.at, nearest.c.preload_n)
+        .where(nearest.c.epoch == bindparam("epoch"), nearest.c.preload_n.is_not(None))
+        .order_by(nearest.c.at.desc() if newest else nearest.c.at)
+        .limit(bindparam("most"))
+    )
+
+
+_FIRST_PRELOADS, _NEWEST_PRELOADS = _preloads(newest=False), _preloads(newest=True)
+
+
 def preloads(
-    connection: Connection, axis_number: int, epoch: int, since: datetime | None, limit: int, *, newest: bool
+    connection: Connection, axis_number: int, epoch: int, since: datetime, limit: int, *, newest: bool
 ) -> list[float]:
     """Return the first or the newest preloads of an epoch of the charts since a moment, in time order.
 
     Among the first, or newest, :data:`MOST_SEARCHED` measurements: an axis that is refused for months answers at once.
     """
-    order = POINTS.c.at.desc() if newest else POINTS.c.at
-    searched = select(POINTS.c.at, POINTS.c.preload_n, POINTS.c.epoch).where(
-        POINTS.c.axis_number == axis_number, *_within(Span(since))
-    )
-    nearest = searched.order_by(order).limit(MOST_SEARCHED).subquery()
-    query = select(nearest.c.at, nearest.c.preload_n).where(nearest.c.epoch == epoch, nearest.c.preload_n.is_not(None))
-    chosen = connection.execute(query.order_by(nearest.c.at.desc() if newest else nearest.c.at).limit(limit))
-    return [preload for _, preload in sorted((at, preload) for at, preload in chosen)]
+    values = {"axis": axis_number, "epoch": epoch, "since": since, "most": limit}
+    chosen = stored_rows(connection, _NEWEST_PRELOADS if newest else _FIRST_PRELOADS, values)
+    return [preload for _, preload in sorted(chosen)]
+
+
+_NEWEST_POINTS = (
+    select(POINTS).where(POINTS.c.axis_number == bindparam("axis")).order_by(*(c.desc() for c in _ORDER))
+).limit(bindparam("most"))
+_COUNTED = _NEWEST_POINTS.subquery().c
+_COUNTS = select(
+    func.count(),
+    func.count(_COUNTED.refusal_reason),
+    func.count(func.coalesce(_COUNTED.doubt, _COUNTED.places_disagree)),
+    func.count() - func.count(_COUNTED.temperature_c),
+    func.count() - func.count(_COUNTED.friction_torque_nm),
+)
+
+
+class Quality(NamedTuple):
+    """How good the newest measurements are."""
+
+    n: int
+    n_refused: int
+    n_in_doubt: int
+    n_without_temperature: int
+    n_without_friction_torque: int
+
+
+def quality_of_newest(connection: Connection, axis_number: int, most: int) -> Quality | None:
+    """Tell how good so many of the newest measurements are; None if nothing was measured yet."""
+    quality = Quality._make(*stored_rows(connection, _COUNTS, {"axis": axis_number, "most": most}))
+    return quality if quality.n else None
 
 
 def _within(span: Span) -> list[ColumnElement[bool]]:

@@ -3,25 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from sqlalchemy import (
-    BigInteger,
-    Column,
-    ColumnElement,
-    Connection,
-    Integer,
-    bindparam,
-    delete,
-    func,
-    insert,
-    select,
-    type_coerce,
-)
+from sqlalchemy import Column, Connection, Integer, bindparam, delete, func, insert, select
 
-from service.store.tables import UtcMicroseconds
 from service.store.trend.points import POINTS, Span
-from service.store.trend.tables import table_of
+from service.store.trend.tables import stored_rows, table_of
 
 HOUR, DAY = timedelta(hours=1), timedelta(days=1)
 _BEGIN_OF_TIME, _END_OF_TIME = datetime.min.replace(tzinfo=UTC), datetime.max.replace(tzinfo=UTC)
@@ -42,18 +29,16 @@ class Rollup:
 
 
 class Extremes(NamedTuple):
-    """When preload was lowest and highest in a stretch of time: the moments as they are stored [µs since 1970]."""
+    """When preload was lowest and highest in a stretch of time: the moments as they are stored [µs since 1970].
+
+    Years are drawn from thousands of them, of which few are shown.
+    """
 
     first_at: int
     lowest_n: float | None
     lowest_at: int | None
     highest_n: float | None
     highest_at: int | None
-
-
-def _as_stored(column: ColumnElement[Any]) -> ColumnElement[Any]:
-    """Leave a moment a number: years are drawn from thousands of them, of which few are shown."""
-    return type_coerce(column, BigInteger) if isinstance(column.type, UtcMicroseconds) else column
 
 
 _ROLLUPS = table_of(
@@ -76,9 +61,7 @@ _BEGIN_WITHIN = (
 )
 _HELD = select(*_COLUMNS).where(*_BEGIN_WITHIN).order_by(_ROLLUPS.c.starts_at)
 _EXTREMES = (
-    select(*(_as_stored(_ROLLUPS.c[name]) for name in Extremes._fields))
-    .where(*_BEGIN_WITHIN)
-    .order_by(_ROLLUPS.c.starts_at)
+    select(*(_ROLLUPS.c[name] for name in Extremes._fields)).where(*_BEGIN_WITHIN).order_by(_ROLLUPS.c.starts_at)
 )
 _NUMBER_HELD = select(func.coalesce(func.sum(_ROLLUPS.c.n_measurements), 0), func.count()).where(*_BEGIN_WITHIN)
 _FORGET = delete(_ROLLUPS).where(
@@ -106,7 +89,7 @@ def rollups(connection: Connection, axis_number: int, span: timedelta, within: S
 
 def extremes_held(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Extremes]:
     """Return the extremes of the hours or the days that begin within a span of time."""
-    return list(map(Extremes._make, connection.execute(_EXTREMES, _begin_within(axis_number, span, within))))
+    return list(map(Extremes._make, stored_rows(connection, _EXTREMES, _begin_within(axis_number, span, within))))
 
 
 def number_held(connection: Connection, axis_number: int, within: Span) -> tuple[int, int]:

@@ -3,10 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Any
 
-from sqlalchemy import BigInteger, Connection, delete, insert, select
+from sqlalchemy import BigInteger, Connection, bindparam, delete, insert, select
 
-from service.store.trend.tables import table_of
+from service.store.tables import moment_of
+from service.store.trend.tables import stored_rows, table_of
+
+#: A session as it is stored: enough to tell whether another one stands in its place.
+StoredSession = tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +31,13 @@ class SessionRecord:
     reference: float | None  # of the CUSUM
     alarmed: bool
 
+    @classmethod
+    def of(cls, stored: StoredSession) -> "SessionRecord":
+        """Return the session of a row."""
+        values = dict(zip(cls.__slots__, stored, strict=True))
+        moments = {name: moment_of(values[name]) for name in ("started_at", "last_at")}
+        return cls(**values | moments | {"alarmed": bool(values["alarmed"])})
+
 
 _SESSIONS = table_of(
     "sessions",
@@ -35,6 +47,12 @@ _SESSIONS = table_of(
 )
 _COLUMNS = [_SESSIONS.c[name] for name in SessionRecord.__slots__]
 _ADD = insert(_SESSIONS)
+_NEWEST = (
+    select(*_COLUMNS)
+    .where(_SESSIONS.c.axis_number == bindparam("axis"), _SESSIONS.c.calibration_id == bindparam("calibration"))
+    .order_by(_SESSIONS.c.started_at.desc())
+    .limit(bindparam("most"))
+)
 
 
 def add_sessions(connection: Connection, sessions: Iterable[SessionRecord]) -> None:
@@ -58,12 +76,12 @@ def forget_sessions_beyond(connection: Connection, axis_number: int, epoch: int)
     connection.execute(delete(_SESSIONS).where(_SESSIONS.c.axis_number == axis_number, _SESSIONS.c.epoch > epoch))
 
 
+def stored_sessions(connection: Connection, axis_number: int, calibration_id: int, most: int) -> list[StoredSession]:
+    """Return the newest sessions under a calibration as they are stored, in time order."""
+    values = {"axis": axis_number, "calibration": calibration_id, "most": most}
+    return stored_rows(connection, _NEWEST, values)[::-1]
+
+
 def newest_sessions(connection: Connection, axis_number: int, calibration_id: int, most: int) -> list[SessionRecord]:
     """Return the newest sessions under a calibration, in time order."""
-    query = (
-        select(*_COLUMNS)
-        .where(_SESSIONS.c.axis_number == axis_number, _SESSIONS.c.calibration_id == calibration_id)
-        .order_by(_SESSIONS.c.started_at.desc())
-        .limit(most)
-    )
-    return [SessionRecord(*row) for row in connection.execute(query)][::-1]
+    return list(map(SessionRecord.of, stored_sessions(connection, axis_number, calibration_id, most)))

@@ -23,6 +23,7 @@ from sqlalchemy import (
 
 from service.store.tables import microseconds_of, moment_of
 from service.store.trend.points import POINTS, Cursor, Span, doubts_of
+from service.store.trend.tables import stored_rows
 
 
 class ShownPoint(NamedTuple):
@@ -115,10 +116,12 @@ def _of_axis(names: Sequence[str]) -> Select[tuple[object, ...]]:
 
 #: One parameter for all moments, which SQLite takes as a text in JSON: with one each, to write them out takes longest.
 _AT_MOMENTS = {
-    "postgresql": _of_axis(ShownPoint._fields).where(any_(bindparam("moments", type_=ARRAY(BigInteger))) == _AT_US),
-    "sqlite": _of_axis(ShownPoint._fields).where(
-        _AT_US.in_(select(func.json_each(bindparam("moments")).table_valued("value").c.value))
-    ),
+    "postgresql": _of_axis(ShownPoint._fields)
+    .where(any_(bindparam("moments", type_=ARRAY(BigInteger))) == _AT_US)
+    .order_by(*_ORDER),
+    "sqlite": _of_axis(ShownPoint._fields)
+    .where(_AT_US.in_(select(func.json_each(bindparam("moments")).table_valued("value").c.value)))
+    .order_by(*_ORDER),
 }
 
 
@@ -148,12 +151,10 @@ def points_at(connection: Connection, axis_number: int, moments: Iterable[int]) 
     database = connection.dialect.name
     listed = sorted(moments)
     values: dict[str, object] = {"axis": axis_number, "moments": json.dumps(listed) if database == "sqlite" else listed}
-    rows = connection.execute(_AT_MOMENTS[database].order_by(*_ORDER), values).all()
-    return list(map(ShownPoint._make, rows))
+    return list(map(ShownPoint._make, stored_rows(connection, _AT_MOMENTS[database], values)))
 
 
 def _rows(connection: Connection, axis_number: int, asked: PageOf, names: tuple[str, ...]) -> list[tuple[object, ...]]:
-    """Return the rows as the driver has them, which are tuples of what is stored."""
     start, end, after = asked.span.start, asked.span.end, asked.after
     values = {"axis": axis_number, "most": asked.limit}
     if start is not None:
@@ -162,8 +163,7 @@ def _rows(connection: Connection, axis_number: int, asked: PageOf, names: tuple[
         values["end"] = microseconds_of(end)
     if after is not None:
         values |= {"after_us": microseconds_of(after[0]), "after_id": after[1]}
-    with connection.execute(_page(names, frozenset(values), asked.newest_first), values) as result:
-        return [] if result.cursor is None else list(result.cursor.fetchall())
+    return stored_rows(connection, _page(names, frozenset(values), asked.newest_first), values)
 
 
 @lru_cache(maxsize=64)  # to build a statement takes longer than to run it

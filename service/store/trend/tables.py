@@ -1,12 +1,12 @@
 """Define tables of the trend by their records: as long as the history, narrow, and in the order of reading."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from datetime import datetime
 from types import NoneType
 from typing import Any, Final, get_args
 
-from sqlalchemy import Boolean, Column, Float, Integer, String, Table
+from sqlalchemy import Boolean, Column, Connection, Executable, Float, Integer, String, Table
 from sqlalchemy.types import TypeEngine
 
 from service.store.tables import Base, UtcMicroseconds
@@ -26,3 +26,9 @@ def table_of(
         kind = types.get(field.name) or _TYPES[kinds[0]]
         held.append(Column(field.name, kind, primary_key=field.name in key, nullable=NoneType in kinds))
     return Table(name, Base.metadata, *held, sqlite_with_rowid=False)
+
+
+def stored_rows(connection: Connection, query: Executable, values: Mapping[str, object]) -> list[tuple[Any, ...]]:
+    """Return rows as the driver has them, tuples of what is stored: to make all of them of its type takes longest."""
+    with connection.execute(query, values) as result:
+        return [] if result.cursor is None else list(result.cursor.fetchall())
