@@ -23,6 +23,7 @@ from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import AsProposed, ChannelSummary
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
 from monitor_core.recordings.raw.proposal.parts import made_of
+from monitor_core.recordings.raw.proposal.sampling import said_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,
     CHANNEL_MAP,
@@ -278,7 +279,8 @@ def _look_at_raw(name: str, path: Path) -> FileReport:
     channels = inspection.summaries_of(read.channels, read.figures)
     uses = usability.uses_of(name, path, made_of(read.channels))
     next_step = usability.next_step(name, path, uses)
-    return FileReport(name, True, (), channels, _contents_of_raw(read), _doubts(channels), uses, next_step, read=read)
+    doubts = (*_doubts(channels), *said_of_texts(read.channels))
+    return FileReport(name, True, (), channels, _contents_of_raw(read), doubts, uses, next_step, read=read)
 
 
 def _contents_of_raw(as_proposed: AsProposed) -> tuple[tuple[str, object], ...]:

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.check import check_file
 from monitor_core.recordings.raw.binary import uff58
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
 from monitor_core.recordings.raw.mapping.imported import ImportedSession, import_session
@@ -514,6 +515,19 @@ def test_a_change_in_mid_file_is_used_or_refused(tmp_path, change):
         assert np.std(window.response - wave(times + late)) < 1e-6
     lengths = {(window.measurement, window.sample_rate, window.n_samples) for window in made.session.windows}
     assert len(lengths) == len({window.measurement for window in made.session.windows})  # what is averaged is alike
+
+
+def test_a_look_says_of_clocks_what_the_import_says(tmp_path):
+    unsaid = []
+    # of a counter, the rate stands in the map alone
+    words_of = {change: CHANGES[change][2] for change in CHANGES if change.startswith(("CSV", "Parquet", "MDF4"))}
+    words_of |= {"CSV, a row of words, and a counter": "row 770 'overrun' stands: 9472 of them"}
+    for change, words in words_of.items():
+        if words:
+            report = check_file(CHANGES[change][0](tmp_path)[0])
+            said = "; ".join([*report.doubts, *(remark for channel in report.channels for remark in channel.remarks)])
+            unsaid += [] if words in said else [(change, words, said)]
+    assert unsaid == []
 
 
 @pytest.mark.parametrize(("step", "rate"), [(1.95313e-05, 51_200.0), (9.76563e-04, 1024.0), (3e-4, 3333.33)])

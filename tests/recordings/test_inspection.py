@@ -16,6 +16,7 @@ from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of_name, 
 from monitor_core.recordings.raw.channel_time import ChannelTime, Run
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.inspection import read_as_proposed, summaries_of, summary_of
+from monitor_core.recordings.raw.text import columns
 from tests.conftest import PROJECT_ROOT
 
 RATE = 10_000.0
@@ -106,16 +107,29 @@ def test_figures_of_a_reading_that_failed_are_not_shown(tmp_path):
     assert (of_torque.name, of_torque.minimum, of_torque.maximum) == ("Torque", 6.0, 1005.0)
 
 
-def test_uneven_and_falling_times_are_said():
-    jumpy = np.cumsum(np.tile([0.012, 0.021], 50))
-    assert "uneven: steps of 0.012 to 0.021" in summary_of(Channel("time", jumpy, "s")).remarks[0]
-    back = np.concatenate([TIME[:100], TIME[:100]])
-    assert "do not rise" in summary_of(Channel("time", back, "s")).remarks[0]
-    printed = np.round(np.arange(1000) / 3000.0, 4)  # a rate that is no whole number of the last digit
-    assert summary_of(Channel("time", printed, "s")).remarks == (
-        "steps of 0.0003 to 0.0004: rounded in print, or uneven",
+def test_what_an_import_says_of_times_is_said():
+    back, printed = np.concatenate([TIME[:100], TIME[:100]]), np.round(np.arange(1000) / 2300.0, 4)
+    pause = np.concatenate([TIME[:100], TIME[:100] + 5.0])
+    said = (
+        (np.cumsum(np.tile([0.012, 0.021], 50)), "expected uniform sampling every 0.0165455 s; got a step of 0.012 s"),
+        (back, f"expected rising sampling times; they run back by {TIME[99]:.6g} s behind sample 99"),
+        (printed, "times are printed to 0.0001 s, 23 % of a step; taken as even, as they agree"),  # a share of a digit
+        (pause, f"samples are missing behind sample 99: for {5.0 - TIME[100]:.6g} s"),
+        (np.where(TIME[7] == TIME, np.nan, TIME), "expected sampling times; number 7 is nan"),
     )
-    assert summary_of(Channel("time", TIME, "s")).remarks == ()
+    found = [summary_of(Channel("time", times, "s")).remarks[-1] for times, _ in said]
+    assert [(words, told) for (_, words), told in zip(said, found, strict=True) if words not in told] == []
+    assert summary_of(Channel("time", 1e3 * TIME, "ms")).remarks == ()
+
+
+def test_columns_of_one_value_are_read_once_more_for_all_of_them(tmp_path, monkeypatch):
+    rows = "".join(f"{k},1,2,3,{k % 7}\n" for k in range(150_000))
+    (tmp_path / "a.csv").write_text("t,a,b,c,d\n" + rows)
+    read, n_read = columns.read_table, []
+    monkeypatch.setattr(columns, "read_table", lambda *of: [n_read.append(1), read(*of)][1])
+    channels = read_as_proposed(tmp_path / "a.csv", "csv").channels
+    assert [channel.varies for channel in channels.channels] == [True, False, False, False, True]
+    assert len(n_read) == 2
 
 
 def test_breaks_of_a_channel_are_said():

@@ -18,7 +18,7 @@ from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 
 #: A step of time that is off by more than this share of the mean one is a gap or jitter.
-_STEP_TOLERANCE = 0.01
+STEP_TOLERANCE = 0.01
 #: By which times may miss an even clock, as a share of the digit they are printed to: half of it and a little.
 _PRINTED = 0.55
 #: Digits coarser than this share of a step could hide a sample that is missing.
@@ -120,7 +120,7 @@ def time_of_step(n_samples: int, step: float, n_digits: int, start: float | None
     last = 10.0 ** (math.floor(math.log10(step)) - n_digits + 1)
     open_by = _PRINTED * last / step
     rate = plainest(1.0 / step, open_by if n_digits >= _MANY_DIGITS else _LEAST_OPEN)
-    is_said = abs(rate * step - 1.0) <= _LEAST_OPEN and open_by <= _STEP_TOLERANCE
+    is_said = abs(rate * step - 1.0) <= _LEAST_OPEN and open_by <= STEP_TOLERANCE
     return ChannelTime(runs=(Run(n_samples, start, rate),), open_by=0.0 if is_said else open_by)
 
 
@@ -220,16 +220,18 @@ def time_of_samples(
     steps = np.diff(times)
     usual = float(np.median(steps))
     marks = _marks(parted)
-    stated = np.zeros(steps.size, dtype=np.bool_)
-    stated[[place - 1 for place in marks]] = True
-    back = (steps < 0.0) & ~stated
+    stated = np.array([place - 1 for place in marks], dtype=np.int64)
+    back = steps < 0.0
+    back[stated] = False
     if back.any() or usual < 0.0:
         place = int(np.argmax(back))
         raise RecordingFormatError(_ran_back(times, place, printed, texts[place] if texts else "", where))
     gaps = (steps > GAP * usual) & (usual > 0.0)
     if (np.count_nonzero(gaps) + 1) * _FEWEST_BETWEEN_GAPS > times.size:
         gaps[:] = False
-    parts = np.flatnonzero(gaps | (stated & (np.abs(steps - usual) > 0.5 * usual))) + 1
+    gaps[stated] |= np.abs(steps[stated] - usual) > 0.5 * usual
+    parts = np.flatnonzero(gaps) + 1
+    del steps, back, gaps  # of a long record all of them are large
     bounds = [0, *parts.tolist(), times.size]
     pieces = [slice(begin, end) for begin, end in pairwise(bounds)]
     rates, remarks, uneven = list[float | None](), dict[str, None](), ""
@@ -270,8 +272,8 @@ def _rate_of(times: FloatArray, printed: float, where: str) -> tuple[float | Non
         return None, ""
     steps = np.diff(times)
     step = float(times[-1] - times[0]) / steps.size
-    worst = float(np.max(np.abs(steps - step)))
-    if step > 0.0 and worst <= _STEP_TOLERANCE * step:
+    worst = max(float(steps.max()) - step, step - float(steps.min()))
+    if step > 0.0 and worst <= STEP_TOLERANCE * step:
         return _plain_rate(1.0 / step, times, printed), ""
     line_step, distance = _even_line(times)
     whole = 0.0 < printed <= _COARSEST * line_step and worst <= 2.0 * _PRINTED * printed
@@ -287,7 +289,7 @@ def _shared(rate: float | None, longest: float | None, times: FloatArray, printe
     if rate is None or longest is None:
         return longest
     drift = abs(rate / longest - 1.0) * float(times[-1] - times[0])
-    return longest if drift <= 2.0 * max(_PRINTED * printed, _STEP_TOLERANCE / longest) else rate
+    return longest if drift <= 2.0 * max(_PRINTED * printed, STEP_TOLERANCE / longest) else rate
 
 
 def _why_uneven(times: FloatArray, first: int, printed: float, where: str) -> str:
@@ -362,7 +364,9 @@ def printed_digit(numbers: SampleArray) -> float:
 
 def _even_line(times: FloatArray) -> tuple[float, float]:
     """Return the step of the even clock nearest to times, and by how much one of them misses it at most [s]."""
-    numbers = np.arange(times.size, dtype=np.float64)
-    slope, start = np.polyfit(numbers, times, 1)
-    misses = times - (start + slope * numbers)
-    return float(slope), 0.5 * float(np.ptp(misses))
+    n, misses = times.size, np.arange(times.size, dtype=np.float64)
+    misses -= 0.5 * (n - 1)
+    slope = 12.0 * float(misses @ (times - times[0])) / (n * (n * n - 1.0))  # least squares, about the middle
+    misses *= -slope
+    misses += times
+    return slope, 0.5 * float(np.ptp(misses))

@@ -1,7 +1,8 @@
 """Look at the channels of a raw file: what the file states of each, and what its values show."""
 
 import math
-from collections.abc import Iterator, Sequence
+from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
@@ -21,7 +22,14 @@ from monitor_core.recordings.raw.channel_kind import (
     kind_of_unit,
     unit_in_name,
 )
-from monitor_core.recordings.raw.channel_time import ChannelTime, missing_samples, place_of_break
+from monitor_core.recordings.raw.channel_time import (
+    ChannelTime,
+    Run,
+    missing_samples,
+    place_of_break,
+    printed_digit,
+    time_of_samples,
+)
 from monitor_core.recordings.raw.channels import HEAD, Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import READERS, READERS_WITH_LAYOUT, read_channels
 from monitor_core.recordings.raw.sample_figures import SampleFigures
@@ -36,9 +44,8 @@ STUCK_SHARE = 0.1
 SHORTEST_RUN = 4
 #: Runs of one length so often are a slower record whose values were repeated.
 _HELD_SHARE = 0.9
-#: Steps of time that differ by more than such a share of the middle one are no even sampling, however they are printed;
-#: by less than the other, they are.
-_UNEVEN, _ROUNDED = 0.4, 0.01
+#: So many sampling times are looked at together.
+_STRETCH = 2**20
 #: No drive is sampled more slowly to show a mode, none faster: times outside are doubted.
 _SECONDS_PER_DAY = 86400.0
 #: Days since 1900 from 2009 to 2064, and since the year 0 from 1971 to 2080.
@@ -80,16 +87,21 @@ class AsProposed:
 
 
 class _Watch:
-    """Gathers the figures of a table while it is read."""
+    """Gathers the figures of a table while it is read, and all of what begins as clocks do: an import judges those."""
 
     def __init__(self) -> None:
         self.figures: list[SampleFigures] = []
+        self.clocks: dict[int, array[float]] = {}
 
     def begin(self, n_columns: int) -> None:
-        self.figures = [SampleFigures(n_columns) for _ in range(n_columns)]
+        self.figures, self.clocks = [SampleFigures(n_columns) for _ in range(n_columns)], {}
 
     def add(self, number: int, piece: FloatArray) -> None:
-        self.figures[number].add(piece)
+        figures = self.figures[number]
+        is_first = figures.size == 0
+        figures.add(piece)
+        if number in self.clocks or (is_first and 0.0 < figures.shortest_step < math.inf):
+            self.clocks.setdefault(number, array("d")).frombytes(piece.tobytes())
 
 
 def read_as_proposed(path: Path, name: str) -> AsProposed:
@@ -103,8 +115,14 @@ def read_as_proposed(path: Path, name: str) -> AsProposed:
         channels, layout = columns.read_as_proposed(path, watch)
         # figures of a reading that failed are of fewer samples
         sizes = [math.prod(channel.shape) for channel in channels.channels]
-        in_order = watch.figures if [of.size for of in watch.figures] == sizes else None
-        return AsProposed(channels, layout, in_order)
+        if [of.size for of in watch.figures] != sizes:
+            return AsProposed(channels, layout)
+        known = {number: np.frombuffer(memoryview(numbers).toreadonly()) for number, numbers in watch.clocks.items()}
+        kept = (
+            replace(channel, stored=known.get(number, channel.stored))
+            for number, channel in enumerate(channels.channels)
+        )
+        return AsProposed(replace(channels, channels=tuple(kept)), layout, watch.figures)
     try:
         return AsProposed(read_channels(path), None)
     except RecordingFormatError:
@@ -156,10 +174,36 @@ def _summary(channel: Channel, figures: SampleFigures) -> ChannelSummary:
         n_not_finite=figures.n_not_finite,
     )
     judged = _judged(summary, figures, channel.gaps)
-    breaks = list(_breaks(channel.time)) if len(channel.shape) == 1 else []
-    if len(breaks) > N_FIRST:
-        breaks[N_FIRST:] = [f"and {len(breaks) - N_FIRST} breaks more"]
-    return replace(judged, remarks=(*judged.remarks, *breaks))
+    if len(channel.shape) != 1:
+        return judged
+    is_clock = summary.kind is ChannelKind.TIME and figures.size > 1 and not figures.rises_evenly
+    said = _said_of_clock(channel) if is_clock else _breaks(channel.time)
+    return replace(judged, remarks=(*judged.remarks, *said))
+
+
+def _said_of_clock(channel: Channel) -> tuple[str, ...]:
+    samples = channel.samples
+    factor = FACTOR_TO_SI[Quantity.TIME].get(canonical_unit(channel.unit) or unit_in_name(channel.name) or "")
+    where = channel.name if factor is not None else f"{channel.name}, taken as s"
+    times = samples.astype(np.float64, copy=False)
+    times = times if factor in (1.0, None) else times * factor
+    return said_of_times(times, printed_digit(samples) * (factor or 1.0), where, channel.time.runs)
+
+
+def said_of_times(
+    times: FloatArray, printed: float, where: str, parted: Sequence[Run] = (), texts: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Say what an import will say of sampling times; the arguments are those of :func:`time_of_samples`."""
+    stretches = [times[first : first + _STRETCH + 1] for first in range(0, times.size - 1, _STRETCH)]
+    try:
+        if not parted and len(stretches) > 1:  # even ones are told without the memory that all at once take
+            of_all = [time_of_samples(stretch, printed, where) for stretch in stretches]
+            if all(len(time.runs) == 1 and not time.unevenness for time, _ in of_all):
+                return of_all[0][1]
+        found, said = time_of_samples(times, printed, where, parted, texts)
+    except RecordingFormatError as error:
+        return (str(error),)
+    return (found.unevenness,) if found.unevenness else (*said, *_breaks(found))
 
 
 def is_of_time(kind: ChannelKind | None) -> bool:
@@ -206,17 +250,15 @@ def _judged(summary: ChannelSummary, figures: SampleFigures, gaps: str) -> Chann
             remarks.append(f"clipped: piles up at the end of its range ({figures.n_at_ends} values)")
         if held > 1 and not at_rest:
             remarks.append(f"repeated: each value stands {held} times, so it was recorded at a lower rate")
-    if summary.kind is ChannelKind.TIME and (uneven := _uneven(figures, kept)) is not None:
-        remarks.append(uneven)
     return replace(
         summary, is_constant=constant, is_stuck=stuck, is_clipped=clipped,
         remarks=tuple(remarks), doubts=tuple(_doubts(summary, kept)),
     )  # fmt: skip
 
 
-def _breaks(time: ChannelTime) -> Iterator[str]:
-    """Say where the samples of a channel have a break, and how long it is."""
-    behind = 0
+def _breaks(time: ChannelTime) -> list[str]:
+    """Say where the samples of a channel have a break, and how long it is; of many, the first."""
+    behind, breaks = 0, list[str]()
     for run, later in pairwise(time.runs):
         behind += run.n_samples
         seconds = None
@@ -225,7 +267,10 @@ def _breaks(time: ChannelTime) -> Iterator[str]:
             if seconds < 0.5 / run.sample_rate:
                 continue  # another rate without a pause
         if later.n_lost != 0:
-            yield missing_samples(place_of_break(behind, later.mark), seconds, later.n_lost)
+            breaks.append(missing_samples(place_of_break(behind, later.mark), seconds, later.n_lost))
+    if len(breaks) > N_FIRST:
+        breaks[N_FIRST:] = [f"and {len(breaks) - N_FIRST} breaks more"]
+    return breaks
 
 
 def _is_clipped(figures: SampleFigures, held: int) -> bool:
@@ -241,19 +286,6 @@ def _held(samples: SampleArray) -> int:
     lengths = np.diff(changes)
     usual = int(np.median(lengths))
     return usual if np.mean(lengths == usual) >= _HELD_SHARE else 1
-
-
-def _uneven(figures: SampleFigures, kept: SampleArray) -> str | None:
-    if kept.size < 3:
-        return None
-    shortest, longest = figures.shortest_step, figures.longest_step
-    if shortest <= 0.0:
-        return f"times do not rise throughout: a step of {shortest:g}"
-    middle, spread = float(np.median(np.diff(kept.astype(np.float64)))), longest - shortest
-    ends = f"steps of {shortest:g} to {longest:g}"
-    if spread <= _ROUNDED * middle:
-        return None
-    return f"uneven: {ends}, mostly {middle:g}" if spread > _UNEVEN * middle else f"{ends}: rounded in print, or uneven"
 
 
 def _doubts(summary: ChannelSummary, finite: SampleArray) -> list[str]:

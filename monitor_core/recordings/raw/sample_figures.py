@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 
 from monitor_core.arrays import FloatArray, SampleArray
+from monitor_core.recordings.raw.channel_time import STEP_TOLERANCE
 
 #: So many samples that follow each other are kept or left out together.
 _STRETCH = 4096
@@ -64,6 +65,11 @@ class SampleFigures:
     def maximum(self) -> float | None:
         """The highest finite sample; None if none is finite."""
         return self._top.value
+
+    @property
+    def rises_evenly(self) -> bool:
+        """Whether all are finite, and no step is longer than another by more than sampling times may be off."""
+        return self.n_not_finite == 0 and 0.0 < self.longest_step <= (1.0 + STEP_TOLERANCE) * self.shortest_step
 
     @property
     def n_at_ends(self) -> int:

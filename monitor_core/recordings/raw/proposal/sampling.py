@@ -13,7 +13,7 @@ from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canon
 from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit
 from monitor_core.recordings.raw.channel_time import GAP, printed_digit, time_of_samples
 from monitor_core.recordings.raw.channels import HEAD, Channels
-from monitor_core.recordings.raw.inspection import days_of, step_of
+from monitor_core.recordings.raw.inspection import days_of, said_of_times, step_of
 from monitor_core.recordings.raw.mapping.times import times_of
 from monitor_core.recordings.raw.proposal.entries import (
     MapEntry,
@@ -123,15 +123,37 @@ def _unit_of_times(times: Part) -> tuple[str | None, Mark, str]:
 
 def rate_of_texts(times: TextTimes, channels: Channels) -> float | None:
     """Return the rate of texts of a date and time [Hz]; None where they say none."""
-    if times.form is None:
-        return None
-    texts = channels.text(times.channel)[:HEAD]
-    dates = None if times.date is None else channels.text(times.date)[:HEAD]
     try:
-        seconds, _ = times_of(texts, times.form, None if times.has_zone else UTC, dates, channels.file_name)
+        seconds = _seconds_of_texts(times, channels, HEAD)
     except RecordingFormatError:
         return None
-    return _mean_rate(seconds, printed_digit(seconds))
+    return None if seconds is None else _mean_rate(seconds, printed_digit(seconds))
+
+
+def said_of_texts(channels: Channels) -> tuple[str, ...]:
+    """Say what an import will say of texts that seem to be sampling times."""
+    times = text_times(channels.texts)
+    if times is None:
+        return ()
+    try:
+        seconds = _seconds_of_texts(times, channels)
+    except RecordingFormatError as error:
+        return (str(error),)
+    if seconds is None:
+        return ()
+    runs = channels.channels[0].time.runs if channels.channels else ()
+    where = f"{channels.file_name}, {times.channel}"
+    return said_of_times(seconds, printed_digit(seconds), where, runs, channels.text(times.channel))
+
+
+def _seconds_of_texts(times: TextTimes, channels: Channels, most: int | None = None) -> FloatArray | None:
+    """Return the seconds that the first texts say; None where day and month may stand either way."""
+    if times.form is None:
+        return None
+    dates = None if times.date is None else channels.text(times.date)[:most]
+    where = f"{channels.file_name}, {times.channel}"
+    zone = None if times.has_zone else UTC
+    return times_of(channels.text(times.channel)[:most], times.form, zone, dates, where)[0]
 
 
 def _mean_rate(seconds: FloatArray, printed: float) -> float | None:

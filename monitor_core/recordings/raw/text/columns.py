@@ -9,7 +9,7 @@ Exports of programs that name themselves in their first lines (LVM, TwinCAT) nee
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -282,11 +282,12 @@ def _channels(
     """
     file_name, names, channels = path.name, form.names, list[Channel]()
     time = ChannelTime(runs=_runs(table))
+    all_of_it = None if again is None else cache(again)  # so that the file is read once more for all channels
     for number, (i, samples) in enumerate(table.numbers.items()):
         if pairs is None:
             stored: Stored | SampleArray = samples
-            if again is not None and samples.size < table.n_rows:
-                stored = Stored((table.n_rows,), samples, number, partial(_pieces, again))
+            if all_of_it is not None and samples.size < table.n_rows:
+                stored = Stored((table.n_rows,), samples, number, partial(_pieces, all_of_it))
             channels.append(Channel(names[i], stored, units.get(i), time))
             continue
         blank, clock = table.blank.get(i), pairs.get(i)
