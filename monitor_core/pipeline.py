@@ -290,7 +290,7 @@ def advance_estimate(
     """Carry the state over one estimate, however its frequency was obtained."""
     # the frequency's own uncertainty only: the scatter between measurements is what the baseline learns
     feature = Estimate(estimate.feature.value, estimate.feature_own_uncertainty)
-    place = place_reading(conditions.position, estimate, calibration)
+    place = place_reading(conditions, estimate, calibration)
     charted = ChartedFeature(at, feature, conditions, friction_torque, bool(estimate.doubts), place)
     return advance_feature(state, charted, calibration=calibration, design=design)
 

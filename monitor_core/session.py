@@ -137,7 +137,7 @@ def _doubted(session: Sequence[SessionMeasurement], calibration: Calibration) ->
     """Add the doubts of one session to each of its preloads; places are compared where nobody has set the preload."""
     preloads = [m.outcome.preload for m in session if isinstance(m.outcome.preload, PreloadEstimate)]
     places = [
-        place_reading(m.conditions.position, m.outcome.preload, calibration)
+        place_reading(m.conditions, m.outcome.preload, calibration)
         for m in session
         if isinstance(m.outcome.preload, PreloadEstimate) and m.conditions.preload is None
     ]

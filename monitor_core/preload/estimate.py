@@ -13,10 +13,20 @@ from monitor_core.preload.budget import (
     UncertaintyBudget,
     VarianceShares,
     months_after,
+    systematic_uncertainty_between,
     uncertainty_budget,
 )
 from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration
-from monitor_core.preload.doubts import Doubt, PlaceReading, contradiction, deviations_of, doubts_of, preload_risen
+from monitor_core.preload.doubts import (
+    TEST_LEVEL,
+    Doubt,
+    PlaceReading,
+    at_uncertain_preload,
+    contradiction,
+    deviations_of,
+    doubts_of,
+    preload_risen,
+)
 from monitor_core.preload.feature import (
     TEMPERATURE_RESOLUTION,
     payload_factor,
@@ -130,9 +140,6 @@ def estimate_preload(
     feature = corrected.feature
     setting = calibration.setting(conditions, preload_from_feature(feature, calibration.coefficients))
     deviations = deviations_of(witnesses or {}, setting, calibration)
-    stated = {name: d for name, d in deviations.items() if not _unstated_mass(name, conditions)}
-    if (refusal := contradiction(stated)) is not None:
-        return refusal
     months = months_after(
         frequency.value**-2.0,
         conditions,
@@ -146,6 +153,13 @@ def estimate_preload(
     # nearly dependent coefficients leave a variance a little below zero, by rounding
     systematic = max(0.0, float(budget.gradient @ calibration.parameters.covariance @ budget.gradient))
     preload = preload_from_feature(feature, calibration.coefficients)
+    # of the preload, (k3/g)³, but for a mass that nobody states: the witnesses are what speaks of it
+    of_mass = budget.shares.payload if conditions.payload_mass is None else 0.0
+    relative = 3.0 * math.sqrt((budget.random + systematic) * max(1.0 - of_mass, 0.0)) / feature
+    deviations = at_uncertain_preload(deviations, setting, calibration, relative)
+    stated = {name: d for name, d in deviations.items() if not _unstated_mass(name, conditions)}
+    if (refusal := contradiction(stated, calibration)) is not None:
+        return refusal
     stated_feature = Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom)
     return PreloadEstimate(
         preload=preload,
@@ -209,7 +223,7 @@ def without_friction_excess(
 def _risen(feature: Estimate, conditions: Conditions, calibration: Calibration) -> tuple[Doubt, ...]:
     """Return the doubt about a preload above all calibrated ones, unless somebody says to have set it."""
     k3 = calibration.coefficients.k3
-    theta = Estimate(feature.value / k3, feature.standard_uncertainty / k3)
+    theta = Estimate(feature.value / k3, feature.standard_uncertainty / k3, feature.degrees_of_freedom)
     highest = float(np.cbrt(1.0 / calibration.preload.upper))
     doubt = None if conditions.preload is not None else preload_risen(theta, highest)
     return () if doubt is None else (doubt,)
@@ -228,19 +242,20 @@ def _friction_excess(corrected: WithoutFriction, noise: Deviation | None) -> Fri
     return FrictionExcess(corrected.friction_excess, Estimate(unexplained, uncertainty))
 
 
-def place_reading(position: float, estimate: PreloadEstimate, calibration: Calibration) -> PlaceReading:
+def place_reading(conditions: Conditions, estimate: PreloadEstimate, calibration: Calibration) -> PlaceReading:
     """Return what a measurement contributes to a comparison of the places of its session.
 
-    What the places share (the day, payload, temperature, friction) does not make them differ: frequency and scatter
-    count alone, ln(preload) being three times as uncertain as the feature.
+    What the places share (the day, payload, temperature, friction) does not make them differ: frequency, scatter and
+    what the calibration does not know of this place against the middle of its travel count alone, enlarged for the few
+    readings that it knows them from. ln(preload) is three times as uncertain as the feature.
     """
-    shares = estimate.shares
-    own = estimate.feature.standard_uncertainty * math.sqrt(max(shares.frequency + shares.reproducibility, 0.0))
-    return PlaceReading(
-        position,
-        math.log(estimate.preload),
-        3.0 * own / (calibration.coefficients.k3 * float(np.cbrt(1.0 / estimate.preload))),
-    )
+    shares, feature = estimate.shares, estimate.feature
+    own = feature.standard_uncertainty * math.sqrt(max(shares.frequency + shares.reproducibility, 0.0))
+    middle = replace(conditions, position=0.5 * (calibration.position.lower + calibration.position.upper))
+    of_place = systematic_uncertainty_between(feature.value, conditions, [middle], calibration)
+    few = float(scipy.special.stdtrit(feature.degrees_of_freedom, TEST_LEVEL) / scipy.special.ndtri(TEST_LEVEL))
+    theta = calibration.coefficients.k3 * float(np.cbrt(1.0 / estimate.preload))
+    return PlaceReading(conditions.position, math.log(estimate.preload), 3.0 * few * math.hypot(own, of_place) / theta)
 
 
 def _fieller_interval(feature: float, calibration: Calibration, budget: UncertaintyBudget) -> Interval:

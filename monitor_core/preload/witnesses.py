@@ -13,7 +13,7 @@ with the prediction interval of any textbook.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -84,6 +84,10 @@ class Deviation:
     standard_uncertainty: float  # of it: of one measurement, and of the expectation [-]
     degrees_of_freedom: float
 
+    def with_uncertainty(self, more: float) -> "Deviation":
+        """Return the deviation with one more independent standard uncertainty of its logarithm [-]."""
+        return replace(self, standard_uncertainty=math.hypot(self.standard_uncertainty, more))
+
     @property
     def score(self) -> float:
         """The deviation as a normal deviate: the quantile that is as improbable [-]."""
@@ -119,11 +123,14 @@ class Witness:
         of = dict(zip(self.terms, self.coefficients.values.tolist(), strict=True))
         return of.get("payload")
 
+    def slope_in_preload(self, setting: Setting) -> float:
+        r"""Return :math:`d\ln w/d\ln P` of the expected value [-]."""
+        of = dict(zip(self.terms, self.coefficients.values.tolist(), strict=True))
+        return float(of.get("preload", 0.0) + 2.0 * of.get("preload_squared", 0.0) * math.log(setting.preload))
+
     def slope_in_theta(self, setting: Setting) -> float:
         r"""Return :math:`dw/d\theta` of the expected value, :math:`\theta = P^{-1/3}` [unit of the witness·N^(1/3)]."""
-        of = dict(zip(self.terms, self.coefficients.values.tolist(), strict=True))
-        by_logarithm = of.get("preload", 0.0) + 2.0 * of.get("preload_squared", 0.0) * math.log(setting.preload)
-        return float(self.expected(setting) * by_logarithm * -3.0 * np.cbrt(setting.preload))
+        return float(self.expected(setting) * self.slope_in_preload(setting) * -3.0 * np.cbrt(setting.preload))
 
     def _row(self, setting: Setting) -> FloatArray:
         of = _terms_of(setting)

@@ -12,7 +12,7 @@ from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import MeasurementOutcome, judge_measurement
 from monitor_core.preload import Calibration, PreloadEstimate, place_reading
 from monitor_core.recording import Rejection, RejectionReason, Window
-from monitor_core.recordings.elements.units import metres, to_millimetres
+from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.documents.measurement import finite_or_null, measurement_document, response_document
@@ -176,17 +176,17 @@ def judged_point(
         baseline_preload_n=None,
         doubt=None if estimate is None or not estimate.doubts else str(estimate.doubts[0].reason),
         feature_scatter_s2=None if estimate is None else estimate.feature_scatter,
-        place_uncertainty=_place_uncertainty(row, estimate, calibration),
+        place_uncertainty=_place_uncertainty(modal, estimate, calibration),
     )
 
 
 def _place_uncertainty(
-    row: MeasurementRecord, estimate: PreloadEstimate | None, calibration: Calibration | None
+    modal: ModalMeasurement | None, estimate: PreloadEstimate | None, calibration: Calibration | None
 ) -> float | None:
     """Return what the preload of a measurement is compared by with other places of its session, relative [-]."""
-    if estimate is None or calibration is None:
+    if modal is None or estimate is None or calibration is None:
         return None
-    reading = place_reading(metres(row.position_mm), estimate, calibration)
+    reading = place_reading(modal.conditions, estimate, calibration)
     return finite_or_null(reading.standard_uncertainty)
 
 
