@@ -20,6 +20,7 @@ from monitor_core.recordings.raw.mapping.imported import import_motion
 from monitor_core.recordings.raw.mapping.imported_frf import import_frf_set
 from monitor_core.recordings.raw.mapping.map_records import MappedChannel
 from monitor_core.recordings.raw.mapping.stated_units import agreed_unit, resolved_response
+from tests.recordings.test_uff_responses import written
 
 ROWS = np.array([[0.0, 100.0, 0.5], [0.001, -50.0, -1.0], [0.002, 25.0, 2.0], [0.003, 10.0, 0.0]])
 HALF = 'channel = "{name}"\nquantity = "{quantity}"\nsource = "sensor"\n{entries}'
@@ -136,6 +137,35 @@ def of_columns(names, units):
         f'{role} = {{channel = "{name}"{unit}}}'
         for role, name, unit in zip(("frequency", "magnitude", "phase"), names, said, strict=True)
     )
+
+
+def test_a_unit_that_is_unknown_is_said_of_lines_responses_and_clocks_too(tmp_path):
+    told = "the file says {!r}, which is no unit known here; {!r} of the map is used".format
+    units, unit = "\n[text]\nheader_row = 1\nunit_row = 2\n", "m/(N.s2)"
+    (tmp_path / "a.csv").write_text("f,H,phi\ncycles,furlong,grads\n1,2,3\n2,3,4\n")
+    (tmp_path / "map.toml").write_text(
+        FRF.format(entries=of_columns(("f", "H", "phi"), ("Hz", unit, "deg")), output="acceleration-at-table") + units
+    )
+    made = import_frf_set([tmp_path / "a.csv"], read_channel_map(tmp_path / "map.toml"))
+    assert made.remarks == (
+        f"a.csv, f: {told('cycles', 'Hz')}",
+        f"a.csv, H: {told('furlong', unit)}",
+        f"a.csv, phi: {told('grads', 'deg')}",
+    )
+    written(tmp_path / "a.uff", ("H", np.full(40, 1.0 + 1j)), orddenom_axis_units_lab="hammer")
+    entries = f'response = {{channel = "H", unit = "{unit}"}}'
+    (tmp_path / "map.toml").write_text(FRF.format(entries=entries, output="acceleration-at-table"))
+    made = import_frf_set([tmp_path / "a.uff"], read_channel_map(tmp_path / "map.toml"))
+    assert made.remarks == (f"a.uff, H: {told('hammer', unit)}",)
+    rows = "".join(f"{k / 1000},{k % 7},{k % 5}\n" for k in range(100))
+    (tmp_path / "b.csv").write_text(f"t,F,a\nticks,N,g\n{rows}")
+    (tmp_path / "map.toml").write_text(
+        "axis_id = 'a'\nexcitation = {channel = 'F', quantity = 'force', source = 'sensor'}\n"
+        "response = {channel = 'a'}\ntime = {channel = 't', unit = 's'}\n[window]\n"
+        f"started_at = 2025-03-01T06:00:00Z\nposition_mm = 0\nposition_span_mm = 0\n{units}"
+    )
+    made = import_session([tmp_path / "b.csv"], read_channel_map(tmp_path / "map.toml"))
+    assert f"b.csv, t: {told('ticks', 's')}" in made.remarks
 
 
 LINES = [2.0, 4.0, 6.0]

@@ -1,6 +1,6 @@
 """Make an FRF set of raw files and their channel map: one response, under conditions of its own, from each file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from monitor_core.recordings.raw.mapping.doubts import require_place
 from monitor_core.recordings.raw.mapping.imported import LeftOut, Progress, facts_of_file
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MappedChannel, ResponseLines, Tolerances
 from monitor_core.recordings.raw.mapping.mapped import signal_of
-from monitor_core.recordings.raw.mapping.stated_units import resolved_response
+from monitor_core.recordings.raw.mapping.stated_units import resolved_response, unknown_unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,20 +44,23 @@ def import_frf_set(paths: Sequence[Path], channel_map: ChannelMap, progress: Pro
         raise RecordingFormatError(f"{names}: expected a map of an FRF set; got one of a {channel_map.kind}")
     if not paths:
         raise RecordingFormatError("expected at least one raw file; got none")
-    measured, left_out = [], list[LeftOut]()
+    measured, left_out, remarks = [], list[LeftOut](), dict[str, None]()
     for path in paths:
         if progress is not None:
             progress(path.name)
-        response, left = _measured(path, lines, channel_map)
+        channels = read_channels(path, channel_map.text)
+        response, left = _measured(path, channels, lines, channel_map)
         measured.append(response)
         left_out += left
+        remarks |= dict.fromkeys(_unknown_units(channels, lines))
     return ImportedFrfSet(
-        FrequencyResponseSet(_with_deviations(measured, paths)), tuple(left_out), (), channel_map.tolerances
+        FrequencyResponseSet(_with_deviations(measured, paths)), tuple(left_out), tuple(remarks), channel_map.tolerances
     )
 
 
-def _measured(path: Path, lines: ResponseLines, channel_map: ChannelMap) -> tuple[MeasuredResponse, list[LeftOut]]:
-    channels = read_channels(path, channel_map.text)
+def _measured(
+    path: Path, channels: Channels, lines: ResponseLines, channel_map: ChannelMap
+) -> tuple[MeasuredResponse, list[LeftOut]]:
     facts = facts_of_file(path, channel_map)
     if facts.position is None:
         raise RecordingFormatError(f"{path.name} [window], position_mm: expected a number [mm]; it is missing")
@@ -80,6 +83,17 @@ def _measured(path: Path, lines: ResponseLines, channel_map: ChannelMap) -> tupl
             conditions, frequency, response, deviation, lines.excitation, lines.response_point, lines.resolution
         )
         return MeasuredResponse(observation, facts.temperature), left
+
+
+def _unknown_units(channels: Channels, lines: ResponseLines) -> Iterator[str]:
+    for source in (lines.frequency, *(lines.parts or ()), lines.deviation):
+        if source is not None:
+            where = f"{channels.file_name}, {source.channel}"
+            yield from unknown_unit(source.unit, channels.channel(source.channel).unit, where)
+    if lines.response is not None:
+        response, source = _response_named(channels, lines.response)
+        for unit in (response.response_unit, response.reference_unit):
+            yield from unknown_unit(source.unit, unit, f"{channels.file_name}, {response.name}")
 
 
 def _read(channels: Channels, lines: ResponseLines) -> tuple[FloatArray, ComplexArray, FloatArray | None, float]:

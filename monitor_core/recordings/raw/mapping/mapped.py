@@ -66,7 +66,7 @@ def take_records(channels: Channels, sources: Sequence[MappedChannel], channel_m
     names, shapes = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
     remarks += _rates_open(names, stated)
     for signal, source in found:
-        remarks += unknown_unit(source, signal, f"{where}, {signal.name}")
+        remarks += unknown_unit(source.unit, signal.unit, f"{where}, {signal.name}")
     how, flat = channel_map.resampling, all(samples.ndim == 1 for samples in values)
     zero, first = times[0].zero, min((of.runs[0].start or 0.0) for of in times)
     started_at = None if zero is None else zero + timedelta(seconds=first)
@@ -257,15 +257,17 @@ def _time_of_clock(
     channel = channels.channel(name)
     if time is not None and name == time.channel:
         channel = _part(channel, time.row, time.column, channels.file_name)
+    unknown: tuple[str, ...] = ()
     if time is not None and time.counts_at is not None:
         factor = 1.0 / time.counts_at
     else:
+        unknown = unknown_unit(unit or "", channel.unit, where)
         stated = agreed_unit(channel.unit, unit_in_name(channel.name), unit or "", where)
         factor = factor_to_si(stated, Quantity.TIME, where)
     times: FloatArray = channel.samples.astype(np.float64) * factor
     printed = printed_digit(channel.samples.reshape(-1)) * factor
     found, remarks = time_of_samples(times, printed, where, channel.time.runs)
-    return replace(found, zero=channel.time.zero), remarks
+    return replace(found, zero=channel.time.zero), (*unknown, *remarks)
 
 
 def _rates_open(names: Sequence[str], times: Sequence[ChannelTime]) -> tuple[str, ...]:

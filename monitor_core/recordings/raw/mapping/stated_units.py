@@ -37,10 +37,10 @@ def resolved(source: MappedChannel, channel: Channel, where: str) -> MappedChann
     return source
 
 
-def unknown_unit(source: MappedChannel, channel: Channel, where: str) -> tuple[str, ...]:
+def unknown_unit(in_map: str, of_file: str | None, where: str) -> tuple[str, ...]:
     """Say of a unit of the file that it is none known here, so that nothing holds it against that of the map."""
-    unknown = source.unit and any(map(str.isalpha, channel.unit or "")) and unit_of(channel.unit) is None
-    said = f"{where}: the file says {channel.unit!r}, which is no unit known here; {source.unit!r} of the map is used"
+    unknown = in_map and any(map(str.isalpha, of_file or "")) and unit_of(of_file) is None
+    said = f"{where}: the file says {of_file!r}, which is no unit known here; {in_map!r} of the map is used"
     return (said,) if unknown else ()
 
 
