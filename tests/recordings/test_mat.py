@@ -124,17 +124,33 @@ def test_numbers_that_were_announced_and_never_written_are_refused(tmp_path, set
     assert sentence in refusal(mat.read_channels, path)
 
 
-def test_objects_that_only_matlab_reads_are_named(tmp_path):
-    # an element of class 17 (opaque): flags, name, type system, class name, …
+def of_version_5(*variables) -> bytes:
+    """Write objects, by their name and class: elements of class 17 (opaque), as MATLAB writes them."""
+
     def element(kind, content):
         return struct.pack("<2I", kind, len(content)) + content.ljust(-(-len(content) // 8) * 8, b"\0")
 
     number = element(6, struct.pack("<2I", 13, 0)) + element(5, struct.pack("<2i", 1, 1)) + element(1, b"")
-    body = element(6, struct.pack("<2I", 17, 0)) + element(1, b"tt") + element(1, b"MCOS") + element(1, b"timetable")
-    body += element(14, number + element(6, struct.pack("<I", 1)))
+    flags, place = element(6, struct.pack("<2I", 17, 0)), element(14, number + element(6, struct.pack("<I", 1)))
+    objects = (
+        element(14, flags + element(1, name) + element(1, b"MCOS") + element(1, kind) + place)
+        for name, kind in variables
+    )
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(objects)
+
+
+def test_objects_that_only_matlab_reads_are_named(tmp_path):
     path = tmp_path / "a.mat"
-    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element(14, body))
+    path.write_bytes(of_version_5((b"tt", b"timetable")))
     assert "save their columns as arrays" in refusal(mat.read_channels, path)
+    scipy.io.savemat(path, {"x": SAMPLES})
+    path.write_bytes(
+        of_version_5((b"tt", b"timetable"), (b"m", b"missing"), (b"s", b"string")) + path.read_bytes()[128:]
+    )
+    channels = mat.read_channels(path)
+    assert channels.names == ("x",)
+    assert channels.left_out[0].startswith("tt (timetable: in MATLAB, save their columns as arrays (t = seconds(")
+    assert channels.left_out[1:] == ("m (object of the class missing)", "s (object of the class string)")
 
 
 def test_what_is_no_channel_is_said_to_be_not_read(tmp_path):

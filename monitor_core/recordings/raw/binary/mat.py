@@ -58,21 +58,32 @@ def _channel(name: str, array: npt.NDArray[np.generic]) -> Channel:
 
 
 def _read_version_4_to_7_2(path: Path) -> Channels:
-    from scipy.io import loadmat  # noqa: PLC0415  # file libraries are imported where they are needed
+    from scipy.io.matlab import MatlabOpaque  # noqa: PLC0415  # file libraries are imported where they are needed
+    from scipy.io.matlab._mio import mat_reader_factory  # noqa: PLC0415
 
+    objects = list[MatlabOpaque]()  # all of one name, of which scipy would keep the last
     left_out = list[str]()
     with refusing(path.name, "a MATLAB file"), path.open("rb") as stream, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # several objects have one name, which is none
+        warnings.simplefilter("ignore")
         warnings.filterwarnings("error", "Unreadable variable")
-        variables = loadmat(stream)
+        reader, _ = mat_reader_factory(stream)
+        read_variable = reader.read_var_array
+
+        def keep(*of: object) -> object:
+            value = read_variable(*of)
+            objects.extend([value] if isinstance(value, MatlabOpaque) else [])
+            return value
+
+        reader.read_var_array = keep
         read = [
             named
-            for name, value in variables.items()
-            if not name.startswith("__")  # of scipy; MATLAB's names begin with a letter
+            for name, value in reader.get_variables().items()
+            if not name.startswith("__") and not isinstance(value, MatlabOpaque)  # MATLAB's names begin with a letter
             for named in _arrays_in(value, name, 0, left_out)
         ]
+        left_out += [f"{_text_in(value['s0'])} ({_object(_text_in(value['s2']))})" for value in objects]
         arrays = [(name, array) for name, array in read if array.size > 1]
-        if not arrays and any(_is_object(value) for value in variables.values()):
+        if not arrays and objects:
             raise RecordingFormatError(
                 f"{path.name}: expected arrays of numbers; got objects (timetable, timeseries or the like), which are "
                 f"not read: {_SAVE_ARRAYS}"
@@ -83,18 +94,19 @@ def _read_version_4_to_7_2(path: Path) -> Channels:
         return Channels(path.name, channels, numbers=numbers, left_out=tuple(left_out))
 
 
-def _is_object(value: object) -> bool:
-    from scipy.io.matlab import MatlabOpaque  # noqa: PLC0415
+def _text_in(field: npt.NDArray[np.object_]) -> str:
+    return str(field.reshape(-1)[0].decode("latin-1"))
 
-    return isinstance(value, MatlabOpaque)
+
+def _object(of_matlab: str) -> str:
+    """Say what an object of a class is, and what to do with it."""
+    return f"{of_matlab}: {_SAVE_ARRAYS}" if of_matlab in _TABLES else f"object of the class {of_matlab}"
 
 
 def _arrays_in(
     value: object, name: str, depth: int, left_out: list[str]
 ) -> Iterator[tuple[str, npt.NDArray[np.generic]]]:
     """Yield the arrays of real numbers that a variable is, or has in its fields."""
-    if _is_object(value) and depth == 0 and isinstance(value, np.ndarray):
-        name = value["s0"].reshape(-1)[0].decode("latin-1")  # scipy knows it by no other
     if (why := _why_not_read(value)) is not None:
         left_out.append(f"{name} ({why})")
     elif not isinstance(value, np.ndarray) or value.ndim != 2:
@@ -113,12 +125,12 @@ def _arrays_in(
 
 def _why_not_read(value: object) -> str | None:
     """Say what a variable is that is no channel; ``None`` for texts as for numbers and structures."""
-    from scipy.io.matlab import MatlabFunction, MatlabObject  # noqa: PLC0415
+    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque  # noqa: PLC0415
     from scipy.sparse import issparse  # noqa: PLC0415
 
     if issparse(value):
         return "sparse"
-    if isinstance(value, (MatlabObject, MatlabFunction)) or _is_object(value):
+    if isinstance(value, (MatlabObject, MatlabFunction, MatlabOpaque)):
         return "function" if isinstance(value, MatlabFunction) else "object"
     if not isinstance(value, np.ndarray) or value.dtype.names is not None:
         return None
@@ -175,7 +187,7 @@ def _why_no_channel(dataset: "h5py.Dataset", where: str) -> str | None:
     kind = dataset.id.get_type().get_class()
     stated = attributes(dataset, _STATED, where).values
     if (of_matlab := _class_of(stated)) not in _CLASSES and of_matlab != "char" and "MATLAB_empty" not in stated:
-        return "cell" if of_matlab == "cell" else f"{of_matlab}: {_SAVE_ARRAYS}" if of_matlab in _TABLES else of_matlab
+        return of_matlab if of_matlab in ("cell", "function_handle") else _object(of_matlab)
     if kind == h5py.h5t.COMPOUND:
         return "complex"
     if kind == h5py.h5t.REFERENCE:
