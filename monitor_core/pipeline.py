@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
+from monitor_core.cross_checks import cross_checked
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, calibrate_phase, measure_mode
 from monitor_core.preload import (
@@ -26,13 +27,13 @@ from monitor_core.preload import (
     expected_band,
     systematic_uncertainty_between,
 )
-from monitor_core.preload.doubts import Doubt, DoubtReason, PlaceReading, Places
+from monitor_core.preload.doubts import PlaceReading, Places
 from monitor_core.preload.drag_torque import Friction, estimate_friction
 from monitor_core.preload.estimate import place_reading
 from monitor_core.preload.fit import BETWEEN_SESSIONS
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, gate_window
-from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
+from monitor_core.recording import Conditions, Doubt, DoubtReason, Rejection, RejectionReason, Window
 from monitor_core.trend import DetectorDesign, DetectorState, Observation, step
 from monitor_core.trend.observation import SESSION
 from monitor_core.uncertainty import Estimate
@@ -112,8 +113,16 @@ def measure_response(windows: Sequence[Window], settings: AxisSettings) -> Modal
     The windows, at least one, are those of one measurement at one position that :func:`check_window` accepts. The band
     of the settings says where the mode is looked for, which the measurement is gated by.
     """
+    checked = cross_checked(windows)
     band, lines = search_band(settings, None, windows[0]), whole_band(settings, windows[0])
-    return measure_mode(windows, band=band, gate=settings.mode, lines=lines)
+    return _warned(measure_mode(checked.windows, band=band, gate=settings.mode, lines=lines), checked.doubts)
+
+
+def _warned(modal: ModalMeasurement | Rejection, doubts: Sequence[Doubt]) -> ModalMeasurement | Rejection:
+    """Let a measured mode say what its windows contradict themselves in."""
+    if isinstance(modal, Rejection) or not doubts:
+        return modal
+    return replace(modal, warnings=(*(doubt.detail for doubt in doubts), *modal.warnings))
 
 
 def _usable_band(window: Window) -> tuple[float, float]:
@@ -153,6 +162,8 @@ def judge_measurement(
     calibration or by one before it. Without a calibration the mode is measured and the preload refused as
     ``not-calibrated``; the outcome holds estimates, or the named reasons why there are none.
     """
+    checked = cross_checked(windows)
+    windows = checked.windows
     band = search_band(settings, calibration, windows[0])
     modal = _sampled_too_slowly(windows[0], band) or measure_mode(
         windows,
@@ -169,7 +180,9 @@ def judge_measurement(
     if calibration is not None and calibration.maximum_modes < 2 and _may_be_two_modes(modal, preload):
         both = _with_second_mode(modal, windows, settings, calibration, torque)
         modal, preload = both or (modal, preload)
-    return MeasurementOutcome(modal, preload, friction)
+    if isinstance(preload, PreloadEstimate):  # first: what nothing else can be judged by
+        preload = replace(preload, doubts=(*checked.doubts, *preload.doubts))
+    return MeasurementOutcome(_warned(modal, checked.doubts), preload, friction)
 
 
 #: What a second mode beside the calibrated one shows itself by.

@@ -79,6 +79,32 @@ class Rejection:
     detail: str  # what was expected, what was got, with units
 
 
+class DoubtReason(StrEnum):
+    """What speaks against a number that is given all the same."""
+
+    # of what windows state twice
+    POSITION_CONTRADICTS_TRACE = "position-contradicts-trace"
+    # of a measurement against its calibration, or its session
+    DAMPING_CHANGED = "damping-changed"
+    MASS_OR_MOUNTING_CHANGED = "mass-or-mounting-changed"
+    MOVED_MASS_CHANGED = "moved-mass-changed"
+    GAIN_CHANGED = "gain-changed"
+    FRICTION_CHANGED = "friction-changed"
+    EXCITATION_CHANGED = "excitation-changed"
+    NOISE_CHANGED = "noise-changed"
+    SECOND_MODE = "second-mode"
+    PLACES_DISAGREE = "places-disagree"
+    PRELOAD_RISEN = "preload-risen"
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """A reason not to rely on a number, in words."""
+
+    reason: DoubtReason
+    detail: str  # what was expected, what was got, with units
+
+
 @dataclass(frozen=True, slots=True)
 class Conditions:
     """Influence quantities of a window or a measurement. ``None`` means: not stated."""

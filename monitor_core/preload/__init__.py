@@ -17,7 +17,7 @@ from monitor_core.preload.calibration import (
     expected_frequency as expected_frequency,
     minimum_detectable_loss as minimum_detectable_loss,
 )
-from monitor_core.preload.doubts import DoubtReason as DoubtReason, PlaceReading as PlaceReading, Places as Places
+from monitor_core.preload.doubts import PlaceReading as PlaceReading, Places as Places
 from monitor_core.preload.drag_torque import DragTorque as DragTorque, Friction as Friction
 from monitor_core.preload.estimate import (
     PreloadEstimate as PreloadEstimate,

@@ -29,7 +29,7 @@ import scipy
 
 from monitor_core.preload.calibration import Calibration
 from monitor_core.preload.witnesses import Deviation, Setting, WitnessName, WitnessValues
-from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason
+from monitor_core.recording import Doubt, DoubtReason, ExcitationQuantity, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate
 
 
@@ -108,29 +108,6 @@ def _score(line: Deviation, residue: Deviation, ratio: float) -> float:
     """Return by how many standard deviations the line contradicts a ratio to the residue."""
     uncertainty = math.hypot(line.standard_uncertainty, ratio * residue.standard_uncertainty)
     return (line.logarithm - ratio * residue.logarithm) / uncertainty
-
-
-class DoubtReason(StrEnum):
-    """What speaks against a number that is given all the same."""
-
-    DAMPING_CHANGED = "damping-changed"
-    MASS_OR_MOUNTING_CHANGED = "mass-or-mounting-changed"
-    MOVED_MASS_CHANGED = "moved-mass-changed"
-    GAIN_CHANGED = "gain-changed"
-    FRICTION_CHANGED = "friction-changed"
-    EXCITATION_CHANGED = "excitation-changed"
-    NOISE_CHANGED = "noise-changed"
-    SECOND_MODE = "second-mode"
-    PLACES_DISAGREE = "places-disagree"
-    PRELOAD_RISEN = "preload-risen"
-
-
-@dataclass(frozen=True, slots=True)
-class Doubt:
-    """A reason not to rely on a number, in words."""
-
-    reason: DoubtReason
-    detail: str  # what was expected, what was got, with units
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,6 @@ from monitor_core.preload.budget import (
 from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration
 from monitor_core.preload.doubts import (
     TEST_LEVEL,
-    Doubt,
     PlaceReading,
     at_uncertain_preload,
     contradiction,
@@ -35,7 +34,7 @@ from monitor_core.preload.feature import (
     to_reference,
 )
 from monitor_core.preload.witnesses import Deviation, WitnessName, WitnessValues
-from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
+from monitor_core.recording import Conditions, Doubt, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate, Interval, IntervalKind
 
 LEVEL = 0.95

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 from pydantic_core import to_json
 
-from monitor_core.preload import DoubtReason
+from monitor_core.recording import DoubtReason
 from service.api.access import needs
 from service.api.axes import StaleOut
 from service.api.http.tables import TABLE_CONTENT, TableQuery, columns_of, table

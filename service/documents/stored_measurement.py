@@ -13,8 +13,7 @@ from pydantic import (
     field_validator,
 )
 
-from monitor_core.preload import DoubtReason
-from monitor_core.recording import Conditions
+from monitor_core.recording import Conditions, DoubtReason
 from monitor_core.recordings.elements.units import metres
 from service.documents.measurement import charted, interval_of, unexplained_of
 from service.json_types import JsonObject

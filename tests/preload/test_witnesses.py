@@ -14,7 +14,6 @@ from monitor_core.preload.doubts import (
     FALSE_DOUBTS,
     TEST_LEVEL,
     TOLERANCES,
-    DoubtReason,
     PlaceReading,
     causes_of_residue,
     of_whole_session,
@@ -23,7 +22,7 @@ from monitor_core.preload.doubts import (
 from monitor_core.preload.feature import PreloadFeatureCoefficients, axial_frequency
 from monitor_core.preload.fit import USUAL_FRICTION_SHARE
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, fit_witness
-from monitor_core.recording import Conditions, ExcitationQuantity, Rejection, RejectionReason
+from monitor_core.recording import Conditions, DoubtReason, ExcitationQuantity, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate
 
 #: Regressed on Table 2 of Nguyen et al. (2018).

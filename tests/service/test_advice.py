@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from monitor_core.change.changes import Cause
-from monitor_core.preload.doubts import DoubtReason
-from monitor_core.recording import RejectionReason
+from monitor_core.recording import DoubtReason, RejectionReason
 from monitor_core.trend.state import TrendStatus
 from service.errors import DataFolderError
 from service.operations.advice import TABLE, read_advice

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from monitor_core.modal import ModalMeasurement, measure_mode
-from monitor_core.pipeline import AxisSettings, measure_response, search_band
+from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import AxisSettings, measure_response
 from monitor_core.recording import Rejection, Window
 from service.store.database import Database
 from service.store.measurements import accepted_places
@@ -31,11 +31,9 @@ def measured_modes(
 
     Raises as :func:`accepted_windows`: what comes of it must not silently rest on less than it was asked for.
     """
-    for row in rows:
-        if windows := accepted_windows(database, waveforms, row.id):
-            modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
-            if isinstance(modal, ModalMeasurement):
-                yield modal
+    for modal, _ in measured_with_windows(database, waveforms, settings, rows):
+        if isinstance(modal, ModalMeasurement):
+            yield modal
 
 
 def measured_with_windows(

@@ -20,7 +20,7 @@ from sqlalchemy import (
     update,
 )
 
-from monitor_core.preload import DoubtReason
+from monitor_core.recording import DoubtReason
 from service.store.tables import AxisRow
 from service.store.trend.tables import stored_rows, table_of
 

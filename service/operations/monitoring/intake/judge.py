@@ -27,6 +27,8 @@ from service.store.tables import CountsByReason
 from service.store.trend.points import TrendPoint, point_of
 from service.store.trend.rollups import sum_up
 
+_ROUNDING = 1e-6  # of positions [m]
+
 log = logging.getLogger(__name__)
 
 
@@ -134,7 +136,11 @@ def stand(item: Judged, calibration_id: int | None) -> None:
     row.n_accepted, row.closes_at = item.n_accepted, None
     if item.first is not None:
         row.started_at = item.first.started_at
-        row.position_mm = to_millimetres(item.first.conditions.position)
+        position, modal = item.first.conditions.position, item.outcome.modal
+        # where its traces say, should a tag contradict them; a mean of equal tags is one but for rounding
+        if isinstance(modal, ModalMeasurement) and abs(modal.conditions.position - position) > _ROUNDING:
+            position = modal.conditions.position
+        row.position_mm = to_millimetres(position)
         row.set_preload_n = item.first.conditions.preload
 
 
