@@ -24,6 +24,7 @@ from monitor_core.trend.charts import (
 from monitor_core.trend.detector import (
     ClosedSession as ClosedSession,
     closed_session as closed_session,
+    latest_difference as latest_difference,
     reset as reset,
     step as step,
 )

@@ -103,6 +103,16 @@ class ClosedSession:
     alarmed: bool  # whether an alarm stood after it
 
 
+def latest_difference(state: DetectorState) -> float | None:
+    """Return by how much the session that is going on differs from what was expected, as the charts have it.
+
+    In the unit of the observations, season and covariates taken out; None while the baseline is learnt.
+    """
+    if state.session is None or state.learnt is None:
+        return None
+    return state.session.value - predict(state.learnt, state.session).value
+
+
 def closed_session(before: DetectorState, after: DetectorState) -> ClosedSession | None:
     """Return the session that ended between two states of a life, the second by a later measurement or a reset.
 

@@ -121,12 +121,12 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
     return Standing(sentence, Said(step))
 
 
-def alarm_sentence(onset: datetime, baseline: float | None, preload: float | None, at: datetime, axis: str) -> Said:
-    """Return what happened when an alarm was raised: loss since the onset, and what was measured [N]."""
+def alarm_sentence(onset: datetime, baseline: float | None, lost: float | None, at: datetime, axis: str) -> Said:
+    """Return what happened when an alarm was raised: by how much its session lay below the baseline [N]."""
     values: dict[str, Value] = {"axis": axis, "onset": onset, "day": at}
-    if baseline is None or preload is None:
+    if baseline is None or lost is None:
         return Said("The preload of %(axis)s fell below its baseline since %(onset)s; the alarm is of %(day)s.", values)
-    values |= {"lost": round(baseline - preload), "preload": round(preload), "baseline": round(baseline)}
+    values |= {"lost": round(lost), "preload": round(baseline) - round(lost), "baseline": round(baseline)}
     text = N_(
         "On %(day)s %(axis)s had %(preload)s N of preload, %(lost)s N less than its baseline of %(baseline)s N; "
         "the loss began about %(onset)s."

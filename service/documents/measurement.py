@@ -24,7 +24,7 @@ from monitor_core.preload import (
 )
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.trend import Chart
+from monitor_core.trend import Chart, latest_difference
 from monitor_core.uncertainty import Interval, IntervalKind
 from service.clock import text_of
 from service.json_types import Json, JsonObject
@@ -254,11 +254,16 @@ _CHART = {
 
 def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibration) -> JsonObject:
     """Lay out why an alarm was raised: the measurement, the chart, and since when."""
-    alarm, baseline = state.detector.alarm, state.detector.baseline
-    if alarm is None or baseline is None or point.preload_n is None:
+    alarm, baseline, difference = state.detector.alarm, state.detector.baseline, latest_difference(state.detector)
+    if alarm is None or baseline is None or difference is None or point.preload_n is None:
         raise AssertionError("an alarm has evidence, a baseline and an estimate behind it")
     healthy = preload_from_feature(baseline.mean, calibration.coefficients)
-    lost_since_onset = healthy - preload_from_feature(baseline.mean + alarm.change.value, calibration.coefficients)
+    # one size of the loss, wherever it is told: that of the session, not of one of its places, and not a mean since
+    # the onset, which of a loss that grows is half of it
+    lost, lost_since_onset = (
+        healthy - preload_from_feature(baseline.mean + change, calibration.coefficients)
+        for change in (difference, alarm.change.value)
+    )
     return finite_or_null({
         "at": text_of(point.at),
         "measurement": point.name,
@@ -266,7 +271,7 @@ def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibrati
         "interval": list(interval_of(point)),
         "interval_kind": "95 % coverage",
         "baseline_preload_n": healthy,
-        "preload_loss_n": healthy - point.preload_n,
+        "preload_loss_n": lost,
         "chart": str(alarm.chart),
         "chart_value": alarm.value,
         "chart_limit": alarm.limit,
@@ -276,7 +281,7 @@ def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibrati
         "baseline_ended_at": text_of(min(baseline.ended_at, alarm.onset - timedelta(microseconds=1))),
         "mean_loss_since_onset_n": lost_since_onset,
         "sentence": (
-            f"since {alarm.onset:%Y-%m-%d} the preload is on average {lost_since_onset:.0f} N below the baseline's "
+            f"since {alarm.onset:%Y-%m-%d} preload is being lost, and is now {lost:.0f} N below the baseline's "
             f"{healthy:.0f} N: "
             + _CHART[alarm.chart].format(value=alarm.value, limit=alarm.limit)
         ),

@@ -115,7 +115,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
         present=present,
         present_interval=None if present is None else interval_of(present),
         sentence=alarm_sentence(
-            evidence.onset, evidence.baseline_preload_n, evidence.preload_n, evidence.at, status.row.name
+            evidence.onset, evidence.baseline_preload_n, evidence.preload_loss_n, evidence.at, status.row.name
         ),
         cleared=view.last_to("cleared"),
         seen=view.last_to("acknowledged"),
