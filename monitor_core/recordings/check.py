@@ -22,7 +22,7 @@ from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import AsProposed, ChannelSummary
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
-from monitor_core.recordings.raw.proposal.parts import made_of
+from monitor_core.recordings.raw.proposal.parts import holds_spectra_alone, made_of
 from monitor_core.recordings.raw.proposal.sampling import said_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,
@@ -77,7 +77,7 @@ class FileReport:
     @property
     def usable_with_map(self) -> tuple[str, ...]:
         """Names of the commands that take a raw file together with a channel map; none for other files."""
-        return usability.WITH_MAP if self.valid and is_raw(self.format) else ()
+        return usability.WITH_MAP if self.valid and is_raw(self.format) and self.uses else ()
 
 
 def check_file(path: Path) -> FileReport:
@@ -277,7 +277,8 @@ def _look_at_motion(name: str, path: Path) -> FileReport:
 def _look_at_raw(name: str, path: Path) -> FileReport:
     read = inspection.read_as_proposed(path, name)
     channels = inspection.summaries_of(read.channels, read.figures)
-    uses = usability.uses_of(name, path, made_of(read.channels))
+    alone = holds_spectra_alone(read.channels)
+    uses = () if alone else usability.uses_of(name, path, made_of(read.channels))
     next_step = usability.next_step(name, path, uses)
     doubts = (*_doubts(channels), *said_of_texts(read.channels))
     return FileReport(name, True, (), channels, _contents_of_raw(read), doubts, uses, next_step, read=read)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from monitor_core.recordings import recognition
 from monitor_core.recordings.elements.files import stem_of
+from monitor_core.recordings.raw.formats import READERS
 from monitor_core.recordings.recognition import is_raw
 
 #: What a calibration needs at the least: k1, k2 and k4 from positions, k3 from preloads, and one reading to judge them.
@@ -99,6 +100,11 @@ def next_step(name: str, path: Path, uses: Sequence[Use], lacks: str = "") -> st
     """Return the step that most users take next, as a sentence; ``lacks`` is what keeps a calibration from the file."""
     shown, stem = shlex.quote(str(path)), _stem(path)
     lines = {use.command: use.line for use in uses}
+    if is_raw(name) and not uses:
+        return (
+            "spectra alone hold no frequency response: take the raw data (TEST_RESONANCES … OUTPUT=raw_data), with a "
+            "table [excitation.sweep] in the map, as docs/how-to/resonance-tests.md shows"
+        )
     if is_raw(name):
         return (
             f"preload check {shown} --write-map {stem}.toml writes a channel map to fill in; then "
@@ -123,4 +129,7 @@ def _shared_uses(name: str, path: Path, settings: Settings) -> list[Use]:
 
 
 def _stem(path: Path) -> str:
-    return shlex.quote(stem_of(path.name))
+    """Return what the names of results begin with: with its ending, where another raw file beside it has the name."""
+    stem = stem_of(path.name)
+    others = (path.with_name(f"{stem}{ending}") for ending in READERS)
+    return shlex.quote(path.name if any(other.name != path.name and other.exists() for other in others) else stem)

@@ -78,7 +78,7 @@ def check(context: click.Context, file: Path, map_path: Path | None, plot: str |
         if proposal is None:
             kind = KINDS[report.format].what
             raise click.UsageError(
-                f"--write-map goes with a raw file; got {kind}, which needs no map: {report.next_step}"
+                f"--write-map goes with a raw file; got {kind}, which takes no map here: {report.next_step}"
             )
         map_path.write_text(proposal.toml(), encoding="utf-8")
         n_places = proposal.n_places

@@ -113,3 +113,25 @@ def test_an_frf_set_is_known_by_name(tmp_path):
     with h5py.File(tmp_path / "a.frf.h5", "w") as file:
         file.attrs["format"] = "preload-frf-set"
     assert check_file(tmp_path / "a.frf.h5").format == "preload-frf-set"
+
+
+def test_two_raw_files_of_one_name_become_two_files(tmp_path):
+    for name in ("run.csv", "run.txt", "other.csv"):
+        (tmp_path / name).write_text(TEXTS["samples.csv"][1])
+    steps = {name: check_file(tmp_path / name).next_step for name in ("run.csv", "run.txt", "other.csv")}
+    outputs = {name: (step.split("--write-map ")[1].split()[0], step.split()[-1]) for name, step in steps.items()}
+    assert outputs == {
+        "run.csv": ("run.csv.toml", "run.csv.session.h5"),
+        "run.txt": ("run.txt.toml", "run.txt.session.h5"),
+        "other.csv": ("other.toml", "other.session.h5"),
+    }
+
+
+def test_spectra_alone_are_no_frequency_response(tmp_path):
+    (tmp_path / "a.csv").write_text("freq,psd_x,psd_y,psd_z,psd_xyz,mzv(54.8)\n1,2,3,4,9,1\n2,3,4,5,12,1\n")
+    report = check_file(tmp_path / "a.csv")
+    assert report.valid
+    assert (report.uses, report.usable_with_map) == ((), ())
+    assert "spectra alone hold no frequency response: take the raw data" in report.next_step
+    (tmp_path / "a.csv").write_text("freq,psd_x,re_x,im_x\n1,2,3,4\n2,3,4,5\n")
+    assert "--out a.frf.h5" in check_file(tmp_path / "a.csv").next_step

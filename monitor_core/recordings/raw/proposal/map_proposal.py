@@ -23,6 +23,10 @@ from monitor_core.recordings.raw.proposal.entries import (
     printed,
 )
 from monitor_core.recordings.raw.proposal.parts import (
+    IMAGINARY,
+    MAGNITUDE,
+    PHASE,
+    REAL,
     Made,
     Part,
     first_like,
@@ -227,11 +231,8 @@ def _columns_of_response(parts: Sequence[Part]) -> Iterator[MapTable]:
     frequency = MapEntry("channel", lines.channel.name, "frequency-like"), unit
     yield MapTable("frf.frequency", frequency)
     names = [part.channel.name.lower() for part in rest]
-    magnitude, phase = ("mag", "amp", "abs", "gain", "level", "betrag"), ("phase", "ang", "arg")
-    by_phase = any(name.startswith((*magnitude, *phase)) for name in names)
-    roles = (("magnitude", magnitude), ("phase", phase)) if by_phase else (
-        ("real", ("re",)), ("imaginary", ("im",)),
-    )  # fmt: skip
+    by_phase = any(name.startswith((*MAGNITUDE, *PHASE)) for name in names)
+    roles = (("magnitude", MAGNITUDE), ("phase", PHASE)) if by_phase else (("real", REAL), ("imaginary", IMAGINARY))
     for role, beginnings in roles:
         named = next((part for part in rest if part.channel.name.lower().startswith(beginnings)), None)
         part = named or (rest[0] if rest else None)

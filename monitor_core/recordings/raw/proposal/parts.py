@@ -46,6 +46,11 @@ class Part:
         return canonical_unit(self.channel.unit) or unit_in_name(self.channel.name)
 
 
+#: How the names of columns of lines begin, in small letters.
+REAL, IMAGINARY, PHASE, SPECTRUM = ("re",), ("im",), ("phase", "ang", "arg"), ("psd", "asd", "spectr", "power")
+MAGNITUDE = ("mag", "amp", "abs", "gain", "level", "betrag")
+
+
 class Made(StrEnum):
     """What a raw file seems to hold, by the ending of the file that an import makes of it."""
 
@@ -57,6 +62,18 @@ class Made(StrEnum):
 def made_of(channels: Channels) -> Made:
     """Return what channels seem to be: lines of a frequency response, a motion without acceleration, or a session."""
     return made_of_parts(channels, parts_of(channels))
+
+
+def holds_spectra_alone(channels: Channels) -> bool:
+    """Tell whether lines of a frequency are those of power spectra, as Klipper makes them, and of no response."""
+    parts = parts_of(channels)
+    names = [part.channel.name.lower() for part in parts if part.kind is not ChannelKind.FREQUENCY]
+    is_of_lines = len(names) < len(parts) and not channels.responses
+    return (
+        is_of_lines
+        and any(name.startswith(SPECTRUM) for name in names)
+        and not any(name.startswith((*REAL, *IMAGINARY, *MAGNITUDE, *PHASE)) for name in names)
+    )
 
 
 def made_of_parts(channels: Channels, parts: Sequence[Part]) -> Made:
