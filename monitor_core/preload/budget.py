@@ -4,9 +4,9 @@ All functions raise ``OutsideValidityError`` if a payload is below the reference
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TypeVar
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 import scipy
@@ -18,7 +18,13 @@ from monitor_core.preload.calibration import (
     TEMPERATURE_COEFFICIENT,
     Calibration,
 )
-from monitor_core.preload.feature import correction_sensitivities, from_reference, position_part
+from monitor_core.preload.feature import (
+    UNKNOWN_TEMPERATURE_COEFFICIENT,
+    USUAL_FRICTION_SHARE,
+    correction_sensitivities,
+    from_reference,
+    position_part,
+)
 from monitor_core.preload.witnesses import Deviation
 from monitor_core.recording import Conditions
 from monitor_core.uncertainty import Estimate, Interval
@@ -26,21 +32,36 @@ from monitor_core.uncertainty import Estimate, Interval
 #: One number or many.
 Real = TypeVar("Real", float, FloatArray)
 
+Of = TypeVar("Of")
 
-@dataclass(frozen=True, slots=True)
-class VarianceShares:
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OfInfluences(Generic[Of]):
+    """One entry for each influence quantity of a frequency: a record that forgets one does not type-check."""
+
+    temperature: Of  # of the structure
+    payload: Of
+    position: Of
+    friction: Of  # torque beyond the usual, and where it acts
+    lubrication: Of  # where no window shows the friction
+    between_session: Of  # how the nut is mounted, and what else another day changes
+    direction: Of  # of the moves
+    speed: Of
+    excitation_level: Of
+    sensor_gain: Of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VarianceShares(OfInfluences[float]):
     """Where the variance of the preload, as θ = preload^(−1/3), comes from; the shares add up to 1.
 
     Covariances between the sources are split evenly, so a source that compensates another may have a negative share.
+    Payload and temperature are with µ and k_T.
     """
 
     frequency: float  # stated uncertainty of this frequency
     reproducibility: float  # scatter between measurements beyond it
     calibration: float  # k1…k4
-    payload: float  # µ, and a payload that is not stated or lies beyond the calibrated ones
-    temperature: float  # k_T, and a structure that lags behind its thermometer
-    friction: float = 0.0  # k_F, and where on the axis the friction acts
-    between_session: float = 0.0  # what another day changes
 
 
 #: Share of a temperature's distance from the calibration's by which the structure lags behind it (standard uncertainty,
@@ -49,6 +70,9 @@ TEMPERATURE_LAG = 0.45
 #: Of a thermometer as the temperature of what stretches, wherever it reads (standard uncertainty, declared): an offset
 #: of 1 K, and as much by which the structure still follows yesterday's air [K].
 THERMOMETER = 1.5
+#: A temperature that nobody states lies within so much of the calibration's, or within what the calibration has seen
+#: (uniform, declared): a hall without air conditioning is 13 to 31 °C in the course of a year [K].
+UNSTATED_TEMPERATURE = 9.0
 #: Of a correction for friction, the standard uncertainty by where the friction acts: in the guides it moves the mode by
 #: two to three times as much as in bearing and nut, and a calibration has hardly seen the one without the other
 #: (declared).
@@ -57,8 +81,13 @@ FRICTION_SHARE = 1.0
 #: counts by itself (declared): above the usual, and below, where noise from elsewhere hides what guides no longer make.
 WITNESSED_FRICTION_SHARE = 0.25
 WITNESSED_FRICTION_SHARE_BELOW = 0.5
+#: Of a friction torque that the windows do not show, between lubrications, relative (standard uncertainty, declared).
+UNSEEN_FRICTION = 0.3
 #: Of a stated position, standard uncertainty: home switch, mounting of the scale, where the table was said to be [m].
 POSITION_TAG = 2e-3
+#: A payload that nobody states, where neither payloads of the calibration nor the residue tell, of what moves (uniform,
+#: declared) [-].
+UNSTATED_PAYLOAD = 0.05
 #: Of the logarithm of the payload's factor on 1/f², per calibrated payload by which it lies beyond (declared).
 PAYLOAD_EXTRAPOLATION = 0.1
 
@@ -67,85 +96,128 @@ PAYLOAD_EXTRAPOLATION = 0.1
 class FrictionExcess:
     """Friction beyond the usual, as two witnesses tell it."""
 
-    torque: float  # friction torque above the usual [N·m]
+    usual: float  # friction torque that the calibration lets expect [N·m]
+    torque: float | None  # above it; None: the windows do not show it [N·m]
     unexplained: Estimate | None  # the same, were all to have grown as the noise around the mode; None: not known
 
 
-@dataclass(frozen=True, slots=True)
-class Months:
-    """Variances of g − θ·k3 that no session of calibration shows: declared, GUM type B, all in s⁴."""
+#: No window, no friction torque.
+NOT_SEEN = FrictionExcess(0.0, None, None)
 
-    between_session: float = 0.0
-    friction: float = 0.0
-    temperature: float = 0.0
-    payload: float = 0.0
+
+@dataclass(frozen=True, slots=True)
+class Influence:
+    """What an influence quantity does to 1/f² at the reference conditions, and how well it is known."""
+
+    sensitivity: float  # [s² per unit of the quantity]
+    uncertainty: float  # standard, of the quantity as it is stated, or as it may be where nobody states it
+    were_it_stated: float | None = None  # the same, were it stated; None: it is, or it cannot be
 
     @property
-    def total(self) -> float:
-        """Variance of all of them."""
-        return self.between_session + self.friction + self.temperature + self.payload
+    def variance(self) -> float:
+        """Of 1/f² [s⁴]."""
+        return (self.sensitivity * self.uncertainty) ** 2
 
 
-def months_after(
+#: A quantity that a frequency does not follow, or not beyond what its readings scatter by.
+_NONE = Influence(0.0, 0.0)
+
+
+def influences_of(
     inverse_square: float,
     conditions: Conditions,
     calibration: Calibration,
     *,
-    friction: FrictionExcess | None = None,
+    friction: FrictionExcess = NOT_SEEN,
     mass: Deviation | None = None,
-) -> Months:
-    """Return what the months after a calibration may have done to a measured 1/f² [s²].
+    amplification: float = 1.0,
+) -> OfInfluences[Influence]:
+    """Return what may have moved a measured 1/f² [s²] since the calibration, besides the preload.
 
-    ``friction`` is what speaks of it beyond the usual, ``None`` where nothing does; ``mass`` how the residue differs
-    from what the calibration lets expect, ``None`` where it is not known: of a payload that is not stated it tells how
-    large it is.
+    ``mass`` is how the residue differs from what the calibration lets expect, ``None`` where it is not known: of a
+    payload that is not stated it tells how large it is. ``amplification`` is by how much an error of 1/f² grows where
+    the correction for friction follows the preload that is estimated.
+
+    What no session of calibration can show is declared (GUM, type B). Readings from as many days as later measurements
+    have it in their scatter, except what was stated of them and is not stated now.
     """
     payload, temperature = calibration.excess(conditions)
-    sensitivity = correction_sensitivities(inverse_square, payload, temperature, calibration.influence)
-    at_reference = inverse_square * float(sensitivity.inverse_square)
-    if calibration.between_sessions == 0.0:  # the readings come from as many days as later measurements
-        return Months()
-    k = calibration.coefficients
-    slope = 2.0 * k.k1 * conditions.position + k.k2
-    of_friction = 0.0
-    if calibration.friction is not None and friction is not None:
-        of_friction = _friction_variance(calibration.friction, friction)
-    return Months(
-        between_session=(2.0 * at_reference * calibration.between_sessions) ** 2 + (slope * POSITION_TAG) ** 2,
-        friction=of_friction,
-        temperature=0.0
-        if conditions.temperature is None
-        else (calibration.influence.temperature * math.hypot(THERMOMETER, TEMPERATURE_LAG * temperature)) ** 2,
-        payload=(at_reference * _payload_error(conditions, calibration, mass)) ** 2,
+    factor = float(correction_sensitivities(inverse_square, payload, temperature, calibration.influence).inverse_square)
+    at_reference = amplification * factor * inverse_square
+    of_days = 1.0 if calibration.between_sessions > 0.0 else 0.0
+    k, k_f = calibration.coefficients, calibration.friction
+    return OfInfluences(
+        temperature=_temperature(conditions, calibration, amplification * inverse_square, of_days),
+        payload=Influence(at_reference, *_payload(conditions, calibration, mass, of_days)),
+        position=Influence(amplification * (2.0 * k.k1 * conditions.position + k.k2), of_days * POSITION_TAG),
+        friction=Influence(amplification, of_days * _friction(k_f, friction)),
+        lubrication=Influence(amplification, of_days * _unseen_friction(k_f, friction, inverse_square)),
+        between_session=Influence(2.0 * at_reference, calibration.between_sessions),
+        # moves both ways, at the speed and the level of the axis, are in the scatter of the readings; what others do
+        # is friction, and their witnesses doubt it
+        direction=_NONE,
+        speed=_NONE,
+        excitation_level=_NONE,
+        sensor_gain=_NONE,
     )
 
 
-def _friction_variance(coefficient: Estimate, friction: FrictionExcess) -> float:
-    """Return the variance of the correction for friction: of its coefficient, and of where the friction acts [s⁴]."""
-    of_coefficient = coefficient.standard_uncertainty * friction.torque
-    if friction.unexplained is None:
-        return of_coefficient**2 + (FRICTION_SHARE * coefficient.value * friction.torque) ** 2
-    # by as much as the two differ by chance alone they do not contradict each other
-    apart = max((friction.unexplained.value - friction.torque) ** 2 - friction.unexplained.standard_uncertainty**2, 0.0)
-    share = WITNESSED_FRICTION_SHARE if friction.torque > 0.0 else WITNESSED_FRICTION_SHARE_BELOW
-    return of_coefficient**2 + coefficient.value**2 * (apart + (share * friction.torque) ** 2)
+def _temperature(conditions: Conditions, calibration: Calibration, inverse_square: float, of_days: float) -> Influence:
+    k_t, seen = calibration.parameter(TEMPERATURE_COEFFICIENT), calibration.temperature
+    if k_t is None or seen is None:  # nothing is corrected, whatever is stated
+        return Influence(UNKNOWN_TEMPERATURE_COEFFICIENT * inverse_square, of_days * UNSTATED_TEMPERATURE / 3.0**0.5)
+    sensitivity = math.hypot(k_t.value, k_t.standard_uncertainty)
+    _, excess = calibration.excess(conditions)
+    lagging = of_days * math.hypot(THERMOMETER, TEMPERATURE_LAG * excess)
+    if conditions.temperature is not None:
+        return Influence(abs(k_t.value), lagging)
+    spread = max(UNSTATED_TEMPERATURE, 0.5 * (seen.upper - seen.lower)) / 3.0**0.5
+    stated = of_days * math.hypot(THERMOMETER, TEMPERATURE_LAG * spread)
+    return Influence(sensitivity, math.hypot(spread, of_days * THERMOMETER), stated)
 
 
-def _payload_error(conditions: Conditions, calibration: Calibration, mass: Deviation | None) -> float:
-    """Return the standard uncertainty of 1/f², relative, of a payload not stated or beyond those calibrated [-]."""
+def _payload(
+    conditions: Conditions, calibration: Calibration, mass: Deviation | None, of_days: float
+) -> tuple[float, float | None]:
+    """Return the standard uncertainty of the logarithm of the payload's factor on 1/f², and were it stated [-]."""
     mu = calibration.influence.inverse_moving_mass
-    if mu == 0.0:
-        return 0.0
     largest = calibration.payload.upper - calibration.reference_payload
     if conditions.payload_mass is None:
         # the residue is a reciprocal mass: its logarithm falls as that of 1/f² rises
-        if mass is not None:
-            return math.hypot(mass.logarithm, mass.standard_uncertainty)
-        return mu * largest / math.sqrt(3.0)
+        if mass is not None and (mu > 0.0 or of_days):
+            return math.hypot(mass.logarithm, mass.standard_uncertainty), 0.0
+        return (mu * largest or of_days * UNSTATED_PAYLOAD) / math.sqrt(3.0), 0.0
     beyond = max(conditions.payload_mass - calibration.payload.upper, 0.0)
-    if INVERSE_MOVING_MASS in calibration.declared or beyond == 0.0:
+    if mu == 0.0 or INVERSE_MOVING_MASS in calibration.declared or beyond == 0.0:
+        return 0.0, None
+    return PAYLOAD_EXTRAPOLATION * math.log1p(mu * (largest + beyond)) * beyond / max(largest, beyond), None
+
+
+def _friction(coefficient: Estimate | None, friction: FrictionExcess) -> float:
+    """Return the standard uncertainty of the correction for friction: of its coefficient, and of where it acts [s²]."""
+    if coefficient is None or friction.torque is None:
         return 0.0
-    return PAYLOAD_EXTRAPOLATION * math.log1p(mu * (largest + beyond)) * beyond / max(largest, beyond)
+    of_coefficient = coefficient.standard_uncertainty * friction.torque
+    if friction.unexplained is None:
+        return math.hypot(of_coefficient, FRICTION_SHARE * coefficient.value * friction.torque)
+    # by as much as the two differ by chance alone they do not contradict each other
+    apart = max((friction.unexplained.value - friction.torque) ** 2 - friction.unexplained.standard_uncertainty**2, 0.0)
+    share = WITNESSED_FRICTION_SHARE if friction.torque > 0.0 else WITNESSED_FRICTION_SHARE_BELOW
+    return math.hypot(of_coefficient, coefficient.value * math.hypot(math.sqrt(apart), share * friction.torque))
+
+
+def _unseen_friction(coefficient: Estimate | None, friction: FrictionExcess, inverse_square: float) -> float:
+    """Return the standard uncertainty of 1/f² by a friction that the windows do not show [s²]."""
+    if friction.torque is not None:
+        return 0.0
+    of_usual = USUAL_FRICTION_SHARE * inverse_square
+    if coefficient is not None:
+        of_usual = math.hypot(coefficient.value, coefficient.standard_uncertainty) * friction.usual
+    return UNSEEN_FRICTION * of_usual
+
+
+#: Parameters of the calibration whose uncertainty is that of an influence quantity.
+_PARAMETERS = {"payload": INVERSE_MOVING_MASS, "temperature": TEMPERATURE_COEFFICIENT}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,13 +228,14 @@ class UncertaintyBudget:
     reproducibility: float
     parameters: dict[str, float]  # of each calibration parameter, with half of its covariances
     gradient: FloatArray  # of the feature to the calibration parameters (k3 is none of them), see parameter_gradients
-    degrees_of_freedom: float  # effective (Welch–Satterthwaite)
-    months: "Months"  # what the months after the calibration bring
+    influences: OfInfluences[Influence]
+    known: tuple[tuple[float, float], ...]  # variances that are known with so many degrees of freedom
 
     @property
     def random(self) -> float:
         """Variance that is new in every measurement, or in every session."""
-        return self.frequency + self.reproducibility + self.months.total
+        of_influences = sum(getattr(self.influences, name).variance for name in OfInfluences.__slots__)
+        return float(self.frequency + self.reproducibility + of_influences)
 
     @property
     def total(self) -> float:
@@ -170,17 +243,36 @@ class UncertaintyBudget:
         return self.random + sum(self.parameters.values())
 
     @property
+    def degrees_of_freedom(self) -> float:
+        """Effective (Welch–Satterthwaite); what is declared is known for certain (GUM, type B)."""
+        return _effective_degrees_of_freedom(self.total, self.known)
+
+    @property
+    def unstated(self) -> tuple[str, ...]:
+        """The quantities that nobody has stated and that widen the interval."""
+        entries = {name: getattr(self.influences, name) for name in OfInfluences.__slots__}
+        return tuple(name for name, entry in entries.items() if entry.were_it_stated is not None and entry.variance)
+
+    def with_stated(self, names: Iterable[str]) -> "UncertaintyBudget":
+        """Return the budget as it would be if these quantities were stated."""
+        entries = {name: getattr(self.influences, name) for name in names}
+        stated = {name: replace(e, uncertainty=e.were_it_stated, were_it_stated=None) for name, e in entries.items()}
+        return replace(self, influences=replace(self.influences, **stated))
+
+    @property
     def shares(self) -> VarianceShares:
         """The budget in parts of its total; all zero where nothing is uncertain."""
         total = self.total or 1.0
+        of_parameters = {name: self.parameters.get(parameter, 0.0) for name, parameter in _PARAMETERS.items()}
+        of_influences = {
+            name: (getattr(self.influences, name).variance + of_parameters.get(name, 0.0)) / total
+            for name in OfInfluences.__slots__
+        }
         return VarianceShares(
             frequency=self.frequency / total,
             reproducibility=self.reproducibility / total,
             calibration=sum(self.parameters[name] for name in COEFFICIENT_NAMES) / total,
-            payload=(self.parameters.get(INVERSE_MOVING_MASS, 0.0) + self.months.payload) / total,
-            temperature=(self.parameters.get(TEMPERATURE_COEFFICIENT, 0.0) + self.months.temperature) / total,
-            friction=self.months.friction / total,
-            between_session=self.months.between_session / total,
+            **of_influences,
         )
 
 
@@ -213,7 +305,8 @@ def uncertainty_budget(
     conditions: Conditions,
     calibration: Calibration,
     *,
-    months: Months | None = None,
+    friction: FrictionExcess = NOT_SEEN,
+    mass: Deviation | None = None,
     amplification: float = 1.0,
 ) -> UncertaintyBudget:
     r"""Propagate the uncertainties of a measurement and of its calibration to :math:`g - \theta k_3` at θ = g/k3.
@@ -221,20 +314,14 @@ def uncertainty_budget(
     Given are the axial natural frequency [Hz] and its preload feature g at the reference conditions [s²]. Scatter
     between measurements and the fitted parameters come from the same residuals: they count as one source in the
     effective degrees of freedom. Declared parameters are taken as known with theirs (GUM, type B), and so is what the
-    months after the calibration bring. ``amplification`` is by how much an error of 1/f² grows where the correction for
-    friction follows the preload that is estimated.
+    months after the calibration bring: friction, mass and amplification are those of :func:`influences_of`.
     """
-    months = months or Months()
     payload, temperature = calibration.excess(conditions)
     f = frequency.value
     # |d(1/f² at reference)/df|
     sensitivity = correction_sensitivities(f**-2.0, payload, temperature, calibration.influence)
     slope = amplification * 2.0 / f**3 * float(sensitivity.inverse_square)
     gradient = amplification * parameter_gradients(feature, [conditions], calibration)[0]
-    grown = amplification**2
-    months = Months(
-        grown * months.between_session, grown * months.friction, grown * months.temperature, grown * months.payload
-    )
     with_k3 = gradient.copy()
     with_k3[calibration.parameter_names.index("k3")] = -feature / calibration.coefficients.k3
     allocation = with_k3 * (calibration.parameters.covariance @ with_k3)
@@ -243,22 +330,21 @@ def uncertainty_budget(
     between = (slope * calibration.reproducibility) ** 2
     if not calibration.uncertainty_stated:
         between = max(0.0, between - own)  # the scatter of the calibration holds the readings' own already
-    total = own + between + months.total + float(allocation.sum())
     # the scatter between measurements is residual variance minus stated variance: it is no better known than the
     # residual variance as a whole, however much of it the stated uncertainties explain
     of_residuals = (slope * calibration.residual_sd) ** 2 + sum(
         v for name, v in parameters.items() if name not in (*calibration.declared, INVERSE_MOVING_MASS)
     )
     of_moving_mass = 0.0 if INVERSE_MOVING_MASS in calibration.declared else parameters.get(INVERSE_MOVING_MASS, 0.0)
-    dof = _effective_degrees_of_freedom(
-        total,
-        (
-            (own, frequency.degrees_of_freedom),
-            (of_residuals, calibration.parameters.degrees_of_freedom),
-            (of_moving_mass, calibration.moving_mass_dof),
-        ),
+    known = (
+        (own, frequency.degrees_of_freedom),
+        (of_residuals, calibration.parameters.degrees_of_freedom),
+        (of_moving_mass, calibration.moving_mass_dof),
     )
-    return UncertaintyBudget(own, between, parameters, gradient, dof, months)
+    influences = influences_of(
+        f**-2.0, conditions, calibration, friction=friction, mass=mass, amplification=amplification
+    )
+    return UncertaintyBudget(own, between, parameters, gradient, influences, known)
 
 
 def _effective_degrees_of_freedom(total: float, sources: Sequence[tuple[float, float]]) -> float:

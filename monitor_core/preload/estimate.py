@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import scipy
@@ -12,7 +12,6 @@ from monitor_core.preload.budget import (
     FrictionExcess,
     UncertaintyBudget,
     VarianceShares,
-    months_after,
     systematic_uncertainty_between,
     uncertainty_budget,
 )
@@ -51,6 +50,14 @@ _LEAST_FEATURE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
+class IfStated:
+    """The interval as it would be if something were stated that is not."""
+
+    quantities: tuple[str, ...]
+    interval: Interval
+
+
+@dataclass(frozen=True, slots=True)
 class PreloadEstimate:
     """Preload of one measurement and what it rests on."""
 
@@ -60,6 +67,7 @@ class PreloadEstimate:
     feature_own_uncertainty: float  # of it, what the stated uncertainty of this frequency makes [s²]
     feature_systematic_uncertainty: float  # of it, what all measurements share [s²]
     shares: VarianceShares
+    if_stated: tuple[IfStated, ...]  # what would narrow the interval
     outside: tuple[str, ...]  # position, preload, payload, temperature: those outside the calibrated range
     assumptions: tuple[str, ...]  # what was not stated, and what was taken instead
     doubts: tuple[Doubt, ...] = ()  # what else the windows hold, and speaks against the number
@@ -74,7 +82,8 @@ class PreloadEstimate:
     def feature_scatter(self) -> float:
         """Standard uncertainty of the feature by what is new in each session [s²]."""
         shares = self.shares
-        new = shares.frequency + shares.reproducibility + shares.friction + shares.temperature + shares.between_session
+        old = shares.calibration + shares.payload
+        new = sum(getattr(shares, each.name) for each in fields(shares)) - old
         return self.feature.standard_uncertainty * math.sqrt(max(new, 0.0))
 
     @property
@@ -139,15 +148,14 @@ def estimate_preload(
     feature = corrected.feature
     setting = calibration.setting(conditions, preload_from_feature(feature, calibration.coefficients))
     deviations = deviations_of(witnesses or {}, setting, calibration)
-    months = months_after(
-        frequency.value**-2.0,
+    budget = uncertainty_budget(
+        frequency,
+        feature,
         conditions,
         calibration,
         friction=_friction_excess(corrected, deviations.get(WitnessName.NOISE_LEVEL)),
         mass=deviations.get(WitnessName.RESIDUE),
-    )
-    budget = uncertainty_budget(
-        frequency, feature, conditions, calibration, months=months, amplification=corrected.amplification
+        amplification=corrected.amplification,
     )
     # nearly dependent coefficients leave a variance a little below zero, by rounding
     systematic = max(0.0, float(budget.gradient @ calibration.parameters.covariance @ budget.gradient))
@@ -167,11 +175,19 @@ def estimate_preload(
         feature_own_uncertainty=math.sqrt(budget.frequency),
         feature_systematic_uncertainty=math.sqrt(systematic),
         shares=budget.shares,
+        if_stated=tuple(
+            IfStated(names, _fieller_interval(feature, calibration, budget.with_stated(names)))
+            for names in _one_by_one_and_all(budget.unstated)
+        ),
         outside=_outside(preload, conditions, calibration),
         assumptions=_assumptions(conditions, calibration, excitation_source),
         doubts=(*doubts_of(deviations, calibration), *_risen(stated_feature, conditions, calibration)),
         deviations=deviations,
     )
+
+
+def _one_by_one_and_all(names: tuple[str, ...]) -> list[tuple[str, ...]]:
+    return [(name,) for name in names] + [names] * (len(names) > 1)
 
 
 def _unstated_mass(name: WitnessName, conditions: Conditions) -> bool:
@@ -184,7 +200,7 @@ class WithoutFriction:
     """A preload feature at the usual friction."""
 
     feature: float  # [s²]
-    friction_excess: float  # above what the calibration lets expect at the estimated preload [N·m]
+    friction_excess: float | None  # above what the calibration lets expect at the estimated preload [N·m]
     usual_friction: float  # which that is [N·m]
     amplification: float  # of an error of 1/f² [-]
 
@@ -201,8 +217,13 @@ def without_friction_excess(
     """
     witness, k_f = calibration.witness(WitnessName.FRICTION_TORQUE), calibration.friction
     torque = witnesses.get(WitnessName.FRICTION_TORQUE)
-    if witness is None or k_f is None or torque is None:
-        return WithoutFriction(feature, 0.0, 0.0, 1.0)
+    if witness is None or k_f is None:
+        return WithoutFriction(feature, None, 0.0, 1.0)
+    if torque is None:
+        usual = witness.expected(
+            calibration.setting(conditions, preload_from_feature(feature, calibration.coefficients))
+        )
+        return WithoutFriction(feature, None, usual, 1.0)
     k3 = calibration.coefficients.k3
     at, excess, slope = feature, 0.0, 0.0
     setting = calibration.setting(conditions, calibration.preload.upper)
@@ -234,11 +255,12 @@ def _friction_excess(corrected: WithoutFriction, noise: Deviation | None) -> Fri
     What no torque explains around the mode is mostly friction that acts on the table, in the guides, and in proportion
     to it: were bearing and nut to have changed alike, the torque would have changed by the same share.
     """
+    usual = corrected.usual_friction
     if noise is None:
-        return FrictionExcess(corrected.friction_excess, None)
-    unexplained = corrected.usual_friction * math.expm1(noise.logarithm)
-    uncertainty = (corrected.usual_friction + unexplained) * noise.standard_uncertainty
-    return FrictionExcess(corrected.friction_excess, Estimate(unexplained, uncertainty))
+        return FrictionExcess(usual, corrected.friction_excess, None)
+    unexplained = usual * math.expm1(noise.logarithm)
+    uncertainty = (usual + unexplained) * noise.standard_uncertainty
+    return FrictionExcess(usual, corrected.friction_excess, Estimate(unexplained, uncertainty))
 
 
 def place_reading(conditions: Conditions, estimate: PreloadEstimate, calibration: Calibration) -> PlaceReading:

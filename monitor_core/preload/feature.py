@@ -166,6 +166,9 @@ TEMPERATURE_RESOLUTION = 3.0
 #: Standard uncertainty of k_T relative to 1/f² where a calibration has seen one temperature only [1/K]: the modulus of
 #: steel changes by about 3e-4 per kelvin, and joints and preload change with it in either direction.
 UNKNOWN_TEMPERATURE_COEFFICIENT = 3e-4
+#: What friction as large as the usual takes off 1/f², relative, before a calibration tells: the springs of what is not
+#: yet sliding against those of screw and nut (declared; the standard uncertainty is as large as the value).
+USUAL_FRICTION_SHARE = 0.005
 
 
 @dataclass(frozen=True, slots=True)

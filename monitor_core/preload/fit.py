@@ -31,6 +31,7 @@ from monitor_core.preload.calibration import (
 from monitor_core.preload.feature import (
     TEMPERATURE_RESOLUTION,
     UNKNOWN_TEMPERATURE_COEFFICIENT,
+    USUAL_FRICTION_SHARE,
     InfluenceCoefficients,
     from_reference,
 )
@@ -52,9 +53,6 @@ from monitor_core.uncertainty import Estimate, VectorEstimate
 #: What another day changes of a frequency unless it is stated, relative: mounting, temperature within the machine,
 #: position of the home switch. Some 1.5 % of a preload of which a doubling moves the mode by 1.4 %.
 BETWEEN_SESSIONS = 3e-4
-#: What friction as large as the usual takes off 1/f², relative, before a calibration tells: the springs of what is not
-#: yet sliding against those of screw and nut (declared; the standard uncertainty is as large as the value).
-USUAL_FRICTION_SHARE = 0.005
 
 
 def leave_one_position_out(

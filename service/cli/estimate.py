@@ -27,7 +27,12 @@ from service.cli.inputs.data import (
 )
 from service.cli.options import json_option
 from service.cli.output import print_json, print_table
-from service.documents.measurement import estimate_document, refusal_document
+from service.documents.measurement import (
+    ends_in_newtons,
+    estimate_document,
+    if_stated_in_words,
+    refusal_document,
+)
 from service.json_types import JsonObject
 
 
@@ -125,9 +130,15 @@ def _said(item: _Estimated) -> list[str]:
         *(f"in doubt: {doubt.detail}" for doubt in answer.doubts),
         *(f"{name} outside the calibrated range" for name in answer.outside),
         *answer.assumptions,
+        *filter(None, [_brought(answer)]),
         *item.warnings,
         *windows,
     ]
+
+
+def _brought(answer: PreloadEstimate) -> str:
+    better = ((each.quantities, ends_in_newtons(each.interval)) for each in answer.if_stated)
+    return if_stated_in_words(ends_in_newtons(answer.interval), better)
 
 
 def _row(item: _Estimated) -> tuple[str, ...]:

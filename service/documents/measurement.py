@@ -1,7 +1,7 @@
 """What is stored and shown of an outcome: plain JSON, every quantity with its unit in its name."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, overload
@@ -86,10 +86,9 @@ def modal_document(modal: ModalMeasurement) -> JsonObject:
 
 def estimate_document(estimate: PreloadEstimate) -> JsonObject:
     """Lay out a preload with its 95 % coverage interval and what it rests on; an open end is ``null``."""
-    upper = estimate.interval.upper
     return {
         "preload_n": estimate.preload,
-        "interval_95_n": [estimate.interval.lower, upper if math.isfinite(upper) else None],
+        "interval_95_n": list(ends_in_newtons(estimate.interval)),
         "interval_kind": f"95 % {estimate.interval.kind}",
         "extrapolated": estimate.extrapolated,
         "outside": list(estimate.outside),
@@ -102,7 +101,31 @@ def estimate_document(estimate: PreloadEstimate) -> JsonObject:
         "preload_feature_s2": estimate.feature.value,
         "preload_feature_standard_uncertainty_s2": estimate.feature.standard_uncertainty,
         "variance_shares": asdict(estimate.shares),
+        "if_stated": [
+            {"quantities": list(better.quantities), "interval_95_n": list(ends_in_newtons(better.interval))}
+            for better in estimate.if_stated
+        ],
     }
+
+
+#: Of an interval [N]; an open end is None.
+Ends = tuple[float | None, float | None]
+
+
+def ends_in_newtons(interval: Interval) -> Ends:
+    """Return both ends of an interval; an open one is None [N]."""
+    return interval.lower, interval.upper if math.isfinite(interval.upper) else None
+
+
+def if_stated_in_words(ends: Ends, if_stated: Iterable[tuple[Sequence[str], Ends]]) -> str:
+    """Say what stating a quantity would bring: ± 22 N; with the temperature ± 7 N. Empty where all is stated."""
+    brought = [f"with the {' and the '.join(names)} {_half(better)}" for names, better in if_stated]
+    return "; ".join([_half(ends), *brought]) if brought else ""
+
+
+def _half(ends: Ends) -> str:
+    lower, upper = ends
+    return "open upwards" if lower is None or upper is None else f"± {(upper - lower) / 2.0:.3g} N"
 
 
 #: What the shares of a variance are, for a person; a share that is not named here is shown by its key.
@@ -113,6 +136,8 @@ SHARES = {
     "payload": "the moved mass",
     "temperature": "temperature, and a structure that lags behind it",
     "friction": "friction that is not the usual",
+    "lubrication": "a friction that no window shows",
+    "position": "where the table was",
     "between_session": "what another day changes",
 }
 #: A share below this is shown as none [-].
@@ -178,18 +203,18 @@ def unexplained_of(point: "TrendPoint | ShownPoint") -> float:
     return float(unexplained_scatter(point.learnt_scatter_s2, point.feature_scatter_s2))
 
 
-#: Of an interval [N]; an open end is None.
-Ends = tuple[float | None, float | None]
-
-
 def interval_of(point: "TrendPoint | ShownPoint") -> Ends:
     """Return the coverage interval of a preload with what its axis had learnt [N]; an open end is None."""
-    lower, upper = point.interval_lower_n, point.interval_upper_n
+    return with_what_was_learnt((point.interval_lower_n, point.interval_upper_n), point)
+
+
+def with_what_was_learnt(ends: Ends, point: "TrendPoint | ShownPoint") -> Ends:
+    """Return an interval of a measurement with what its axis had learnt [N]."""
+    lower, upper = ends
     if point.preload_n is None or point.feature_s2 is None or lower is None:
-        return lower, upper
+        return ends
     judged = Interval(lower, math.inf if upper is None else upper, IntervalKind.COVERAGE)
-    interval = widened(judged, point.preload_n, point.feature_s2, unexplained_of(point))
-    return interval.lower, interval.upper if math.isfinite(interval.upper) else None
+    return ends_in_newtons(widened(judged, point.preload_n, point.feature_s2, unexplained_of(point)))
 
 
 def ends_of(told: "ToldColumns") -> tuple[Sequence[float | None], Sequence[float | None]]:

@@ -15,7 +15,14 @@ from pydantic import (
 
 from monitor_core.recording import Conditions, DoubtReason
 from monitor_core.recordings.elements.units import metres
-from service.documents.measurement import charted, interval_of, unexplained_of
+from service.documents.measurement import (
+    Ends,
+    charted,
+    if_stated_in_words,
+    interval_of,
+    unexplained_of,
+    with_what_was_learnt,
+)
 from service.json_types import JsonObject
 
 if TYPE_CHECKING:
@@ -40,6 +47,15 @@ class Compared(BaseModel):
     standard_deviations: float | None
 
 
+class IfStated(BaseModel):
+    """An interval as it would be if some quantities were stated that are not [N]."""
+
+    model_config = ConfigDict(frozen=True)
+
+    quantities: tuple[str, ...]
+    interval_95_n: Ends
+
+
 class StoredMeasurement(BaseModel):
     """What was said about a measurement, as :func:`~service.documents.measurement.measurement_document` laid it out.
 
@@ -54,7 +70,7 @@ class StoredMeasurement(BaseModel):
     position_mm: float | None = None
     frequency_hz: float | None = None
     preload_n: float | None = None
-    interval_95_n: tuple[float | None, float | None] | None = None
+    interval_95_n: Ends | None = None
     calibration: int | None = None
     refused: bool = False
     reason: str | None = None  # of a refusal
@@ -78,6 +94,7 @@ class StoredMeasurement(BaseModel):
     preload_feature_standard_uncertainty_s2: float | None = None
     variance_shares: dict[str, float] = {}
     friction_torque_nm: float | None = None
+    if_stated: tuple[IfStated, ...] = ()
     drag_torque_nm: float | None = None
     baseline_preload_n: float | None = None
 
@@ -112,6 +129,12 @@ class StoredMeasurement(BaseModel):
         lower, upper = self.interval_95_n or (None, None)
         return None if lower is None or upper is None else (upper - lower) / 2.0
 
+    @property
+    def brought(self) -> str:
+        """What stating a quantity would bring, in words; empty where all is stated."""
+        better = ((each.quantities, each.interval_95_n) for each in self.if_stated)
+        return if_stated_in_words(self.interval_95_n or (None, None), better)
+
 
 #: Of an axis of which nothing was measured yet.
 NOTHING_MEASURED = StoredMeasurement()
@@ -132,6 +155,10 @@ def _added(measured: StoredMeasurement, point: "TrendPoint") -> dict[str, object
         kept = {name: share * own**2 / total for name, share in shares.items()}
         added |= {
             "interval_95_n": interval_of(point),
+            "if_stated": tuple(
+                better.model_copy(update={"interval_95_n": with_what_was_learnt(better.interval_95_n, point)})
+                for better in measured.if_stated
+            ),
             "preload_feature_standard_uncertainty_s2": math.sqrt(total),
             "variance_shares": kept | {"between_session": kept.get("between_session", 0.0) + unexplained**2 / total},
         }

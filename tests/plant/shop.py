@@ -121,6 +121,7 @@ class Truth:
 
     session: Session
     preload: tuple[float, ...]  # of each measurement, in the order of the session [N]
+    conditions: tuple[Condition, ...] = ()  # those that were true, of each measurement
 
 
 def recorded_session(
@@ -143,7 +144,7 @@ def recorded_session(
     windows = to_windows(recorded, tagged, begin, acquisition, preload_known=preload_known)
     if not payload_stated:
         windows = tuple(replace(w, conditions=_without_payload(w.conditions)) for w in windows)
-    return Truth(Session(machine.name, windows), tuple(condition.preload for condition in true))
+    return Truth(Session(machine.name, windows), tuple(condition.preload for condition in true), tuple(true))
 
 
 def _without_payload(conditions: Conditions) -> Conditions:
@@ -411,4 +412,5 @@ def shop_year(
         for i, _ in enumerate(chunk):
             names = {f"m{k:04d}" for k in range(i * len(places), (i + 1) * len(places))}
             of_day = tuple(window for window in windows if window.measurement in names)
-            yield Truth(Session(machine.name, of_day), (float(preload[chunk[i]]),) * len(places))
+            of_places = tuple(true[i * len(places) : (i + 1) * len(places)])
+            yield Truth(Session(machine.name, of_day), (float(preload[chunk[i]]),) * len(places), of_places)

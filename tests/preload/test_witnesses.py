@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -19,8 +19,7 @@ from monitor_core.preload.doubts import (
     of_whole_session,
     places_disagree,
 )
-from monitor_core.preload.feature import PreloadFeatureCoefficients, axial_frequency
-from monitor_core.preload.fit import USUAL_FRICTION_SHARE
+from monitor_core.preload.feature import USUAL_FRICTION_SHARE, PreloadFeatureCoefficients, axial_frequency
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, fit_witness
 from monitor_core.recording import Conditions, DoubtReason, ExcitationQuantity, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate
@@ -421,10 +420,10 @@ def test_declared_parts_widen_and_are_listed() -> None:
     wide, narrow = judged(one_session, made), judged(many, made)
     assert isinstance(wide, PreloadEstimate)
     assert isinstance(narrow, PreloadEstimate)
-    assert narrow.shares.between_session == 0.0
-    assert wide.shares.between_session > 0.3
+    assert narrow.shares.between_session == narrow.shares.position == 0.0
+    assert wide.shares.between_session + wide.shares.position > 0.3
     assert wide.interval.upper - wide.interval.lower > 1.3 * (narrow.interval.upper - narrow.interval.lower)
-    assert sum(getattr(wide.shares, name) for name in wide.shares.__slots__) == pytest.approx(1.0)
+    assert sum(asdict(wide.shares).values()) == pytest.approx(1.0)
 
 
 def test_structure_that_lags_behind_its_thermometer_widens() -> None:
@@ -454,3 +453,59 @@ def test_structure_that_lags_behind_its_thermometer_widens() -> None:
 
 def test_every_witness_has_a_tolerance() -> None:
     assert set(TOLERANCES) == set(WitnessName)
+
+
+def test_every_influence_that_is_not_stated_widens_and_says_what_stating_it_would_bring() -> None:
+    rng = np.random.default_rng(19)
+    readings = [reading(x, p, rng) for x in POSITIONS for p in PRELOADS]
+    readings += [reading(x, 300.0, rng, payload=m) for x in POSITIONS[::2] for m in (6.0, 10.0)]
+    at = [replace(r, conditions=replace(r.conditions, temperature=20.0 + 4.0 * rng.uniform())) for r in readings]
+    calibration = calibrate(
+        at, weighting="none", excitation_source=None, between_sessions=3e-4, temperature_coefficient=Estimate(1e-8, 0.0)
+    )
+    made = reading(0.4, 300.0, rng)
+    no_friction = replace(made, witnesses={k: v for k, v in made.witnesses.items() if "friction" not in k})
+    silent = []
+    for name, answer in {
+        "temperature": judged(calibration, made),
+        "payload": judged(calibration, made, temperature=22.0, payload_mass=None),
+        "lubrication": judged(calibration, no_friction, temperature=22.0),
+    }.items():
+        stated = judged(calibration, made, temperature=22.0)
+        assert isinstance(answer, PreloadEstimate)
+        assert isinstance(stated, PreloadEstimate)
+        if not answer.interval.lower < stated.interval.lower < stated.interval.upper < answer.interval.upper:
+            silent.append(name)
+        if name == "lubrication":  # a window shows it, and nobody states it
+            continue
+        (better,) = answer.if_stated
+        assert better.quantities == (name,)
+        assert answer.interval.lower < better.interval.lower < better.interval.upper < answer.interval.upper
+    assert silent == []
+    both = judged(calibration, made, payload_mass=None)
+    assert isinstance(both, PreloadEstimate)
+    assert [better.quantities for better in both.if_stated] == [
+        ("temperature",), ("payload",), ("temperature", "payload")
+    ]  # fmt: skip
+
+
+def test_temperature_that_nobody_states_is_covered_as_often_as_is_said() -> None:
+    # a hall whose temperature is anywhere between 13 and 31 °C, and an axis that follows it by 1e-8 s² a kelvin
+    rng = np.random.default_rng(20)
+    k_t = 1e-8
+    readings = [
+        replace(r, conditions=replace(r.conditions, temperature=22.0))
+        for r in (reading(x, p, rng, noise=0.0) for x in POSITIONS for p in PRELOADS)
+    ]
+    calibration = calibrate(
+        readings, weighting="none", excitation_source=None, temperature_coefficient=Estimate(k_t, 1e-10),
+        between_sessions=3e-4,
+    )  # fmt: skip
+    covered = []
+    for excess in rng.uniform(-9.0, 9.0, 400):
+        made = reading(0.4, 300.0, rng, noise=0.0)
+        frequency = (made.frequency**-2.0 + k_t * excess) ** -0.5
+        answer = judged(calibration, replace(made, frequency=frequency))
+        assert isinstance(answer, PreloadEstimate)
+        covered.append(answer.interval.covers(300.0))
+    assert np.mean(covered) >= 0.95

@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,9 @@ def assert_refused(answer: Answer, words: str) -> None:
     assert answer.err.count("\n") == 1, answer.err
     assert answer.err.startswith("preload: ")
     assert words in answer.err
+
+
+REPLAY = Path(__file__).parents[2] / "replay_data"
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +122,7 @@ def test_estimate_says_what_frf_says_and_which_windows_were_refused(
     for estimate in preload("estimate", table2, "--calibration", calibration, "--json").json()["estimates"]:
         assert estimate["interval_kind"] == "95 % coverage"
         assert sum(estimate["variance_shares"].values()) == pytest.approx(1.0)
-        assert set(estimate["variance_shares"]) == set(VarianceShares.__slots__)
+        assert set(estimate["variance_shares"]) == {share.name for share in fields(VarianceShares)}
 
 
 def test_check_tells_each_kind_of_file(preload: Any, table2: Path, session_file: Path, tmp_path: Path) -> None:
@@ -273,3 +276,22 @@ def test_command_is_installed(table2: Path) -> None:
 def test_what_is_not_finite_is_printed_as_null() -> None:
     document = {"a": [1.0, float("inf")], "b": {"c": float("nan"), "d": "inf"}, "e": (True, None)}
     assert finite_or_null(document) == {"a": [1.0, None], "b": {"c": None, "d": "inf"}, "e": [True, None]}
+
+
+def test_a_temperature_that_is_not_stated_widens_and_stating_it_is_said_to_narrow(preload: Any, tmp_path: Path) -> None:
+    calibration, session = tmp_path / "calibration.json", read_session(REPLAY / "hidden.session.h5")
+    preload("calibrate", REPLAY / "calibration.session.h5", "--out", calibration)
+    windows = session.windows_of(session.measurements[0])
+    halves = {}
+    for row, temperature in (("stated", 22.0), ("not stated", None)):
+        path = tmp_path / f"{row}.session.h5"
+        of_row = tuple(replace(w, conditions=replace(w.conditions, temperature=temperature)) for w in windows)
+        write_session(path, replace(session, windows=of_row))
+        (estimate,) = preload("estimate", path, "--calibration", calibration, "--json").json()["estimates"]
+        lower, upper = estimate["interval_95_n"]
+        halves[row] = (upper - lower) / 2.0
+        said = " ".join(preload("estimate", path, "--calibration", calibration).out.split())
+        assert ("with the temperature ±" in said) == (temperature is None)
+    ((quantities, (lower, upper)),) = [better.values() for better in estimate["if_stated"]]
+    assert quantities == ["temperature"]
+    assert halves["stated"] < (upper - lower) / 2.0 < halves["not stated"]

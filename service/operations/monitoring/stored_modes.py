@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import AxisSettings, measure_response
+from monitor_core.pipeline import AxisSettings, judge_measurement, measure_response
 from monitor_core.recording import Rejection, Window
 from service.store.database import Database
 from service.store.measurements import accepted_places
@@ -31,7 +31,10 @@ def measured_modes(
 
     Raises as :func:`accepted_windows`: what comes of it must not silently rest on less than it was asked for.
     """
-    for modal, _ in measured_with_windows(database, waveforms, settings, rows):
+    for row in rows:
+        windows = accepted_windows(database, waveforms, row.id)
+        # as later measurements are judged, with the friction torque of the windows
+        modal = judge_measurement(windows, settings, None).modal if windows else None
         if isinstance(modal, ModalMeasurement):
             yield modal
 
