@@ -5,6 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.units import unit_of
 from monitor_core.recordings.raw.binary import uff58
 from tests.recordings.test_raw import SAMPLES, refusal, uff_set
 
@@ -62,3 +64,27 @@ def test_an_amplitude_alone_is_no_frequency_response(tmp_path):
     assert "expected a time history or an FRF in data set 58; got function type 4 (FRF)" in refusal(
         uff58.read_channels, path
     )
+
+
+def in_units(path, length, force, **labels):
+    """Write a response and its history in the units of data set 164, whose factors bring them to SI."""
+    factors = {"length": length, "force": force, "temp": 1.0, "temp_offset": 0.0}
+    made = pyuff.prepare_164(units_code=9, units_description="user", temp_mode=1, **factors)
+    with warnings.catch_warnings(action="ignore"):
+        pyuff.UFF(str(path)).write_sets(made, "overwrite")
+    written(path, ("H", RESPONSE), **labels)
+    return uff58.read_channels(path).responses[0]
+
+
+def test_numbers_without_a_label_are_in_the_units_of_the_file(tmp_path):
+    none = {"ordinate_axis_units_lab": "NONE", "orddenom_axis_units_lab": "NONE"}
+    inches = 1.0 / 0.0254, 1.0 / 4.4482216152605  # of a metre and a newton: inch and pound-force
+    read = in_units(tmp_path / "a.uff", *inches, **none)
+    assert unit_of(read.response_unit).is_same(unit_of("in/s2"))
+    assert unit_of(read.reference_unit).is_same(unit_of("lbf"))
+    read = in_units(tmp_path / "b.uff", 1.0, 1.0, **none)
+    assert (read.response_unit, read.reference_unit) == (None, None)
+    read = in_units(tmp_path / "c.uff", *inches, ordinate_axis_units_lab="g", orddenom_axis_units_lab="lbf")
+    assert (read.response_unit, read.reference_unit) == ("g", "lbf")
+    with pytest.raises(RecordingFormatError, match=r"'m/s2', and data set 164 that numbers are in 0\.001 m/s2"):
+        in_units(tmp_path / "d.uff", 1e3, 1e3)

@@ -5,7 +5,9 @@ the first identification line of their data set; where these lines are empty or 
 among the responses, they are numbered "1", "2", ….
 """
 
+import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
@@ -16,6 +18,7 @@ from monitor_core.arrays import read_only, read_only_complex
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels
 from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.elements.units import unit_of
 from monitor_core.recordings.raw.channel_time import time_of_step
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse, native_samples
 
@@ -30,6 +33,8 @@ _FUNCTION_TYPES = {0: "general", 1: "time response", 2: "auto spectrum", 3: "cro
 _IN_A_LINE = 6
 #: Start or end of a data set: "    -1" alone on its line, or directly behind binary samples.
 _DELIMITER = re.compile(rb"    -1(?= {74}|\r|\n|\Z)")
+#: Factors of data set 164 this near 1 are SI.
+_SI = 1e-6
 _DIGITS = 6  # record 7 is of the format 3E13.5
 _HERTZ = frozenset(("hz", "hertz", "1/s", "none", ""))
 _SECONDS = frozenset(("s", "sec", "second", "seconds", "none", ""))  # record 8; time is in seconds by definition
@@ -37,6 +42,8 @@ _SECONDS = frozenset(("s", "sec", "second", "seconds", "none", ""))  # record 8;
 
 #: Specific data types of records 8 and 9, by their unit of SI.
 _MEASURES = {5: "K", 8: "m", 9: "N", 11: "m/s", 12: "m/s2", 13: "N", 15: "Pa"}
+#: Powers of length and force in them, by which data set 164 brings them to SI.
+_POWERS = {8: (1, 0), 9: (0, 1), 11: (1, 0), 12: (1, 0), 13: (0, 1), 15: (-2, 1)}
 
 
 class _Header(TypedDict):
@@ -64,7 +71,8 @@ class _DataSet(_Header):
 def read_channels(path: Path) -> Channels:
     """Read the time histories and frequency responses of a universal file; other functions are named as not read.
 
-    The unit comes from the ordinate's label (of a response also from its denominator's), the sample rate from the
+    The unit comes from the ordinate's label (of a response also from its denominator's), where that is empty from the
+    factors to SI of data set 164, the sample rate from the
     abscissa's increment, the start from its first value. The date in the header has no zone, so it is not known when
     that was. ``RecordingFormatError`` if the file is damaged or cut off, holds neither, or if a header announces other
     than what is there; ``MissingReaderError`` if pyuff is not installed.
@@ -96,15 +104,16 @@ def read_channels(path: Path) -> Channels:
         require_plausible_channels(
             [(str(i + 1), int(headers[i]["num_pts"])) for i in (*histories, *responses)], path.name
         )
+        units: Mapping[str, float] = next((file.read_sets(i) for i, kind in enumerate(kinds) if kind == 164), {})
         channels = []
         for i, name in zip(histories, _names(headers, histories), strict=True):
             where = f"{path.name}, {name}"
             _require_time_base(headers[i], where)
-            channels.append(_channel(_data_set(file, i, where), name))
+            channels.append(_channel(_data_set(file, i, where), name, units, where))
         found = []
         for i, name in zip(responses, _names(headers, responses), strict=True):
             where = f"{path.name}, {name}"
-            found.append(_response(_data_set(file, i, where), name, where))
+            found.append(_response(_data_set(file, i, where), name, units, where))
         left_out = [
             f"data set {i + 1} ({_FUNCTION_TYPES.get(header['func_type'], 'another function')})"
             for i, header in headers.items()
@@ -151,17 +160,17 @@ def _require_time_base(header: _Header, where: str) -> None:
         raise RecordingFormatError(f"{where}: expected real ordinates (2 or 4); got type {header['ord_data_type']}")
 
 
-def _channel(data_set: _DataSet, name: str) -> Channel:
+def _channel(data_set: _DataSet, name: str, units: Mapping[str, float], where: str) -> Channel:
     return Channel(
         name=name,
         stored=native_samples(data_set["data"]),
-        unit=_unit(data_set["ordinate_axis_units_lab"]),
+        unit=_unit(data_set["ordinate_axis_units_lab"], data_set["ordinate_spec_data_type"], units, where),
         measures=_MEASURES.get(data_set["ordinate_spec_data_type"]),
         time=time_of_step(data_set["num_pts"], data_set["abscissa_inc"], _DIGITS, data_set["abscissa_min"]),
     )
 
 
-def _response(data_set: _DataSet, name: str, where: str) -> FrequencyResponse:
+def _response(data_set: _DataSet, name: str, units: Mapping[str, float], where: str) -> FrequencyResponse:
     unit = data_set["abscissa_axis_units_lab"].strip()
     if unit.lower() not in _HERTZ:
         raise RecordingFormatError(f"{where}: expected an abscissa in Hz; got {unit!r}")
@@ -173,11 +182,28 @@ def _response(data_set: _DataSet, name: str, where: str) -> FrequencyResponse:
         name=name,
         frequency=read_only(frequency),
         response=read_only_complex(data_set["data"]),
-        response_unit=_unit(data_set["ordinate_axis_units_lab"]),
-        reference_unit=_unit(data_set["orddenom_axis_units_lab"]),
+        response_unit=_unit(data_set["ordinate_axis_units_lab"], data_set["ordinate_spec_data_type"], units, where),
+        reference_unit=_unit(data_set["orddenom_axis_units_lab"], data_set["orddenom_spec_data_type"], units, where),
         measures=None if above is None or below is None else f"({above})/({below})",
     )
 
 
-def _unit(label: str) -> str | None:
-    return None if label.strip() in ("", "NONE") else label.strip()
+def _unit(label: str, kind: int, units: Mapping[str, float], where: str) -> str | None:
+    """Return the unit of a label, or else that of the file, whose numbers by a factor of data set 164 are SI."""
+    stated = None if label.strip() in ("", "NONE") else label.strip()
+    of_length, of_force = units.get("length", 1.0), units.get("force", 1.0)
+    if not (math.inf > of_length > 0.0 and math.inf > of_force > 0.0):
+        raise RecordingFormatError(
+            f"{where}: expected positive factors to SI in data set 164; got {of_length} and {of_force}"
+        )
+    length, force = _POWERS.get(kind, (0, 0))
+    factor = of_length**-length * of_force**-force
+    if abs(factor - 1.0) < _SI:
+        return stated
+    of_file = f"{factor:.12f}".rstrip("0") + f" {_MEASURES[kind]}"
+    labelled, in_si = unit_of(stated), unit_of(_MEASURES[kind])
+    if labelled is not None and in_si is not None and labelled.is_same(in_si):
+        raise RecordingFormatError(
+            f"{where}: expected one unit; its label says {stated!r}, and data set 164 that numbers are in {of_file}"
+        )
+    return stated or of_file
