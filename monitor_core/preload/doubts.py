@@ -27,6 +27,7 @@ from enum import StrEnum
 import numpy as np
 import scipy
 
+from monitor_core.cross_checks import looks_like_unit
 from monitor_core.preload.calibration import Calibration
 from monitor_core.preload.witnesses import Deviation, Setting, WitnessName, WitnessValues
 from monitor_core.recording import Doubt, DoubtReason, ExcitationQuantity, Rejection, RejectionReason
@@ -279,9 +280,11 @@ def preload_risen(preload: Estimate, highest: float) -> Doubt | None:
 
 def _sentence(name: WitnessName, deviation: Deviation) -> str:
     percent = 100.0 * math.expm1(deviation.logarithm)
+    unit = looks_like_unit(math.exp(deviation.logarithm), deviation.standard_uncertainty)
+    like = "" if unit is None else f", which looks like {unit}"
     return (
         f"the {name.replace('-', ' ')} is {percent:+.1f} % from what the calibration lets expect, "
-        f"{abs(deviation.score):.1f} standard deviations: {TOLERANCES[name].meaning}"
+        f"{abs(deviation.score):.1f} standard deviations{like}: {TOLERANCES[name].meaning}"
     )
 
 

@@ -342,6 +342,11 @@ def test_gain_of_the_torque_is_doubted_where_another_mass_is_refused(payloads: b
     (doubt,) = answer.doubts
     assert doubt.reason is DoubtReason.GAIN_CHANGED
     assert "looks like the gain of the torque" in doubt.detail
+    weaker = {**weak, WitnessName.RESIDUE: 1e3 * made.witnesses[WitnessName.RESIDUE]}
+    weaker[WitnessName.RIGID_LINE] = 1e3 * made.witnesses[WitnessName.RIGID_LINE]
+    in_millimetres = judged(calibration, replace(made, witnesses=weaker))
+    assert isinstance(in_millimetres, PreloadEstimate)
+    assert "looks like a factor of 1000, as of mm for m" in in_millimetres.doubts[0].detail
     heavier = judged(calibration, reading(0.4, 300.0, rng, heavier=3.0, line=True))
     assert isinstance(heavier, Rejection)
     assert heavier.reason is RejectionReason.MOVED_MASS_MISMATCH
