@@ -59,6 +59,9 @@ _DISTINCT = {
     "position_squared": 1e-3,  # [m²]
     "preload_squared": 0.05,
 }
+#: Of what a payload does to a witness, standard uncertainty by the power law that it is taken to follow (declared): few
+#: payloads are calibrated, and between them the mode changes its shape.
+_PAYLOAD_LAW = 0.02
 #: Residual degrees of freedom below which a calibration does not tell what is usual.
 _FEWEST_DEGREES_OF_FREEDOM = 5
 
@@ -113,7 +116,8 @@ class Witness:
     def deviation(self, value: float, setting: Setting, *, floor: float = 0.0) -> Deviation:
         """Compare a value with the expected one; a scatter below ``floor`` is not believed for other days [-]."""
         row = self._row(setting)
-        variance = self.scatter**2 + floor**2 + float(row @ self.coefficients.covariance @ row)
+        of_payload = _PAYLOAD_LAW * (self.payload_exponent or 0.0) * math.log(setting.payload_factor)
+        variance = self.scatter**2 + floor**2 + of_payload**2 + float(row @ self.coefficients.covariance @ row)
         logarithm = math.log(value) - float(row @ self.coefficients.values)
         return Deviation(logarithm, math.sqrt(variance), self.coefficients.degrees_of_freedom)
 

@@ -30,6 +30,7 @@ from service.cli.output import print_json, print_table
 from service.documents.measurement import (
     ends_in_newtons,
     estimate_document,
+    friction_document,
     if_stated_in_words,
     refusal_document,
 )
@@ -68,6 +69,7 @@ class _Estimated:
     answer: PreloadEstimate | Rejection
     warnings: tuple[str, ...] = ()  # of the measurement of its mode
     refused_windows: Mapping[str, int] = field(default_factory=dict)  # by reason
+    friction: JsonObject = field(default_factory=dict)
 
 
 def _of_session(data: Data, calibration: Calibration) -> list[_Estimated]:
@@ -84,7 +86,10 @@ def _of_session(data: Data, calibration: Calibration) -> list[_Estimated]:
             refused = Counter(str(rejection.reason) for rejection in item.refused_windows)
             if not isinstance(modal, Rejection):
                 refused.update(str(rejection.reason) for _, rejection in modal.refused_windows)
-            estimates.append(_Estimated(item.name, position_mm, frequency, item.outcome.preload, warnings, refused))
+            friction = friction_document(item.outcome.friction)
+            estimates.append(
+                _Estimated(item.name, position_mm, frequency, item.outcome.preload, warnings, refused, friction)
+            )
     return estimates
 
 
@@ -113,6 +118,7 @@ def _document(item: _Estimated) -> JsonObject:
         "position_mm": item.position_mm,
         "frequency_hz": item.frequency_hz,
     }
+    place |= item.friction
     place["warnings"] = _said(item)
     place["windows_refused"] = dict(item.refused_windows)
     if isinstance(item.answer, Rejection):
