@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import timedelta
 from itertools import pairwise
-from operator import attrgetter
+from operator import itemgetter
 
 from sqlalchemy import Connection
 
@@ -11,7 +11,7 @@ from service.store.trend.points import Span
 from service.store.trend.rollups import DAY, HOUR, Extremes, begin_of, extremes_held, number_held
 from service.store.trend.shown import PageOf, ShownPoint, page_of_points, points_at
 
-_LOWEST, _HIGHEST = attrgetter("lowest_n", "lowest_at"), attrgetter("highest_n")
+_LOWEST, _HIGHEST = itemgetter(1), itemgetter(3)
 #: So many measurements, or hours, are read for each point that is wanted at most.
 READ_PER_POINT = 4
 
@@ -38,7 +38,7 @@ def thin_out(points: Sequence[ShownPoint], most: int) -> list[ShownPoint]:
         return list(points)
     each = [_extremes_at(point) for point in points]
     kept = _extremes_of(each, max(most // 2, 1))
-    return [point for point, alone in zip(points, each, strict=True) if alone.first_at in kept]
+    return [point for point, alone in zip(points, each, strict=True) if alone[0] in kept]
 
 
 def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[timedelta]) -> list[Extremes]:
@@ -64,15 +64,15 @@ def _extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
     moments = set[int]()
     for begin, end in pairwise(edges):
         stretch = held[begin:end]
-        valued = [part for part in stretch if part.lowest_at is not None]
+        valued = [part for part in stretch if part[2] is not None]
         if valued:
-            extremes_at = min(valued, key=_LOWEST).lowest_at, max(valued, key=_HIGHEST).highest_at
+            extremes_at = min(valued, key=_LOWEST)[2], max(valued, key=_HIGHEST)[4]
             moments.update(at for at in extremes_at if at is not None)
         elif stretch:
-            moments.add(min(part.first_at for part in stretch))
+            moments.add(stretch[0][0])
     return moments
 
 
 def _extremes_at(point: ShownPoint) -> Extremes:
     valued = None if point.preload_n is None else point.at_us
-    return Extremes(point.at_us, point.preload_n, valued, point.preload_n, valued)
+    return point.at_us, point.preload_n, valued, point.preload_n, valued

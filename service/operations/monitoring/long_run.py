@@ -92,10 +92,11 @@ def spectra_of(database: Database, axis_id: str) -> list[Spectrum]:
 
 
 def sisters_with_trend(database: Database, axis_id: str) -> list[Sister]:
-    """Return the axis and others of its type, each with its trend in brief; the axis alone if it states no type."""
+    """Return the axis and others of its type, each with its trend in brief; none if there is no other."""
     with database.read() as session:
         own = axes.get_axis(session, axis_id)
-        rows = [own, *itertools.islice(sisters_of(session, own), MOST_SISTERS)]
+        others = list(itertools.islice(sisters_of(session, own), MOST_SISTERS))
+        rows = [own, *others] if others else []
         return [
             Sister(row.id, row.name, row.state, extremes(session.connection(), row.number, Span(), _OF_A_SISTER))
             for row in rows

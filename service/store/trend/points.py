@@ -96,7 +96,12 @@ _COLUMNS = [POINTS.c[name] for name in TrendPoint.__slots__]
 TOO_LATE = "too-late"
 _IN_TIME = POINTS.c.uncharted.is_distinct_from(TOO_LATE)
 _ADD = insert(POINTS)
-_ORDER = (POINTS.c.at, POINTS.c.measurement_id)
+_OF_AXIS = POINTS.c.axis_number == bindparam("axis")
+_THIS = (_OF_AXIS, POINTS.c.at == bindparam("moment"), POINTS.c.measurement_id == bindparam("measurement"))
+_POINT, _REMOVE = select(*_COLUMNS).where(*_THIS), delete(POINTS).where(*_THIS)
+_NEWEST_FIRST = select(*_COLUMNS).where(_OF_AXIS).order_by(POINTS.c.at.desc(), POINTS.c.measurement_id.desc())
+_NEWEST = _NEWEST_FIRST.limit(1)
+_BEFORE = _NEWEST.where(POINTS.c.at < bindparam("moment"))
 
 
 def add_point(connection: Connection, point: TrendPoint) -> None:
@@ -113,13 +118,7 @@ def replace_points(connection: Connection, points: Iterable[TrendPoint]) -> None
 
 def remove_point(connection: Connection, point: TrendPoint) -> None:
     """Remove a point."""
-    connection.execute(
-        delete(POINTS).where(
-            POINTS.c.axis_number == point.axis_number,
-            POINTS.c.at == point.at,
-            POINTS.c.measurement_id == point.measurement_id,
-        )
-    )
+    connection.execute(_REMOVE, {"axis": point.axis_number, "moment": point.at, "measurement": point.measurement_id})
 
 
 def say_places(connection: Connection, axis_number: int, epoch: int, span: Span, words: str | None) -> None:
@@ -140,10 +139,8 @@ def say_places(connection: Connection, axis_number: int, epoch: int, span: Span,
 
 def point_of(connection: Connection, axis_number: int, at: datetime, measurement_id: int) -> TrendPoint | None:
     """Return the point of a measurement; None if it has none yet."""
-    query = select(*_COLUMNS).where(
-        POINTS.c.axis_number == axis_number, POINTS.c.at == at, POINTS.c.measurement_id == measurement_id
-    )
-    row = connection.execute(query).one_or_none()
+    values = {"axis": axis_number, "moment": at, "measurement": measurement_id}
+    row = connection.execute(_POINT, values).one_or_none()
     return None if row is None else TrendPoint(*row)
 
 
@@ -172,15 +169,13 @@ def first_of_epoch(connection: Connection, axis_number: int, epoch: int, since: 
 
 def point_before(connection: Connection, axis_number: int, at: datetime) -> TrendPoint | None:
     """Return the last point before a moment."""
-    query = select(*_COLUMNS).where(POINTS.c.axis_number == axis_number, POINTS.c.at < at)
-    row = connection.execute(query.order_by(POINTS.c.at.desc(), POINTS.c.measurement_id.desc()).limit(1)).first()
+    row = connection.execute(_BEFORE, {"axis": axis_number, "moment": at}).one_or_none()
     return None if row is None else TrendPoint(*row)
 
 
 def newest_point(connection: Connection, axis_number: int) -> TrendPoint | None:
     """Return the last point."""
-    query = select(*_COLUMNS).where(POINTS.c.axis_number == axis_number)
-    row = connection.execute(query.order_by(POINTS.c.at.desc(), POINTS.c.measurement_id.desc()).limit(1)).first()
+    row = connection.execute(_NEWEST, {"axis": axis_number}).one_or_none()
     return None if row is None else TrendPoint(*row)
 
 
@@ -213,7 +208,7 @@ def last_points(connection: Connection) -> dict[int, TrendPoint]:
 
 def _preloads(*, newest: bool) -> Select[tuple[datetime, float]]:
     searched = select(POINTS.c.at, POINTS.c.preload_n, POINTS.c.epoch).where(
-        POINTS.c.axis_number == bindparam("axis"), POINTS.c.at >= bindparam("since")
+        _OF_AXIS, POINTS.c.at >= bindparam("since")
     )
     nearest = searched.order_by(POINTS.c.at.desc() if newest else POINTS.c.at).limit(MOST_SEARCHED).subquery()
     return (
@@ -239,10 +234,7 @@ def preloads(
     return [preload for _, preload in sorted(chosen)]
 
 
-_NEWEST_POINTS = (
-    select(POINTS).where(POINTS.c.axis_number == bindparam("axis")).order_by(*(c.desc() for c in _ORDER))
-).limit(bindparam("most"))
-_COUNTED = _NEWEST_POINTS.subquery().c
+_COUNTED = _NEWEST_FIRST.limit(bindparam("most")).subquery().c
 _COUNTS = select(
     func.count(),
     func.count(_COUNTED.refusal_reason),

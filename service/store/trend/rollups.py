@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import NamedTuple
 
 from sqlalchemy import Column, Connection, Integer, bindparam, delete, func, insert, select
 
@@ -28,17 +27,9 @@ class Rollup:
     highest_at: datetime | None
 
 
-class Extremes(NamedTuple):
-    """When preload was lowest and highest in a stretch of time: the moments as they are stored [µs since 1970].
-
-    Years are drawn from thousands of them, of which few are shown.
-    """
-
-    first_at: int
-    lowest_n: float | None
-    lowest_at: int | None
-    highest_n: float | None
-    highest_at: int | None
+#: When preload was lowest and highest in a stretch of time, as it is stored: first measurement [µs since 1970], lowest
+#: preload and its moment, highest one and its moment. Years are drawn from thousands of them, of which few are shown.
+Extremes = tuple[int, float | None, int | None, float | None, int | None]
 
 
 _ROLLUPS = table_of(
@@ -61,7 +52,9 @@ _BEGIN_WITHIN = (
 )
 _HELD = select(*_COLUMNS).where(*_BEGIN_WITHIN).order_by(_ROLLUPS.c.starts_at)
 _EXTREMES = (
-    select(*(_ROLLUPS.c[name] for name in Extremes._fields)).where(*_BEGIN_WITHIN).order_by(_ROLLUPS.c.starts_at)
+    select(*(_ROLLUPS.c[name] for name in ("first_at", "lowest_n", "lowest_at", "highest_n", "highest_at")))
+    .where(*_BEGIN_WITHIN)
+    .order_by(_ROLLUPS.c.starts_at)
 )
 _NUMBER_HELD = select(func.coalesce(func.sum(_ROLLUPS.c.n_measurements), 0), func.count()).where(*_BEGIN_WITHIN)
 _FORGET = delete(_ROLLUPS).where(
@@ -89,7 +82,7 @@ def rollups(connection: Connection, axis_number: int, span: timedelta, within: S
 
 def extremes_held(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Extremes]:
     """Return the extremes of the hours or the days that begin within a span of time."""
-    return list(map(Extremes._make, stored_rows(connection, _EXTREMES, _begin_within(axis_number, span, within))))
+    return stored_rows(connection, _EXTREMES, _begin_within(axis_number, span, within))
 
 
 def number_held(connection: Connection, axis_number: int, within: Span) -> tuple[int, int]:
