@@ -268,8 +268,13 @@ def _excitation_rms(spectra: BandSpectra, band: tuple[float, float]) -> float:
 
 
 def _contamination(answer: AveragedFit, spectra: BandSpectra, windows: Sequence[Window]) -> Contamination:
-    """Tell what noise on the excitation did to the first mode of a fit."""
-    noise = excitation_noise(np.array([w.excitation for w, keep in zip(windows, answer.kept, strict=True) if keep]))
+    """Tell what noise on the excitation did to the first mode of a fit.
+
+    It is no more than what explains all that the fit leaves: a servo trembles at rest, and the axis answers to that.
+    """
+    at_rest = excitation_noise(np.array([w.excitation for w, keep in zip(windows, answer.kept, strict=True) if keep]))
+    left, gain = _left_and_gain(answer)
+    noise = min(at_rest, left / gain)
     lines = spectra.of_windows(answer.kept).within(*answer.fit.band)
     return contamination(lines, answer.fit.modes[0].frequency.value, noise, answer.taper)
 
@@ -298,12 +303,17 @@ def _noise_level(answer: AveragedFit, noisy: Contamination, spectra: BandSpectra
 
     What noise on the excitation makes of a response is none of it.
     """
-    left = answer.fit.solution.projection.residual / answer.fit.weight
-    power = float(np.mean(np.abs(left) ** 2))
+    power, gain = _left_and_gain(answer)
     if noisy.noise > 0.0:
-        gain = _within(answer.frf, answer.fit.band).response
-        power = max(power - noisy.noise * float(np.mean(np.abs(gain) ** 2)), _LEAST_UNEXPLAINED * power)
+        power = max(power - noisy.noise * gain, _LEAST_UNEXPLAINED * power)
     return math.sqrt(2.0 * power / (spectra.n_samples * spectra.sample_rate))
+
+
+def _left_and_gain(answer: AveragedFit) -> tuple[float, float]:
+    """Return the mean squares of what a fit leaves of a line, and of the response, over the band of the fit."""
+    left = answer.fit.solution.projection.residual / answer.fit.weight
+    gain = _within(answer.frf, answer.fit.band).response
+    return float(np.mean(np.abs(left) ** 2)), float(np.mean(np.abs(gain) ** 2))
 
 
 def _warnings(coherence: float, gate: ModeGate, phase: PhaseReference | None) -> tuple[str, ...]:
