@@ -2,18 +2,29 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
 import numpy as np
 import scipy
 
-from monitor_core.trend.belief import STRUCTURES, Belief, Prior, bank_of, begin, healthy_value, learnt_from, reopened
+from monitor_core.trend.belief import (
+    STRUCTURES,
+    Belief,
+    Prior,
+    bank_of,
+    begin,
+    healthy_value,
+    learnt_from,
+    reopened,
+)
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Interval, IntervalKind
 
 _CORRELATION = np.array([structure.correlation for structure in STRUCTURES])
 _SHARE = np.array([structure.share for structure in STRUCTURES])
+#: So often what sisters lent is dropped though the axis is like them.
+CONTRADICTED_BY_CHANCE = 0.05
 #: A baseline of a year has seen every season.
 ALL_SEASONS = timedelta(days=330)
 
@@ -90,6 +101,26 @@ def learn_baseline(sessions: Sequence[Session], prior: Prior | None = None) -> B
     if variance == 0.0 and prior.variance is None:
         return None
     return learnt_from(sessions, begin(sessions[0], prior, variance))
+
+
+def contradicts(sessions: Sequence[Session], prior: Prior) -> bool:
+    r"""Tell whether the first sessions of an axis contradict what its sisters lent it.
+
+    Dependence, temperature and friction are taken as lent, the scatter s is the axis' own: it is too large where any of
+    them is not so, and too small where sisters are coarser. On an axis like its sisters, of scatter σ₀,
+
+    .. math:: s^2 / \sigma_0^2 \sim F(\nu, \nu_0)
+
+    with the degrees of freedom of both, and lies outside the interval of level 1 − :data:`CONTRADICTED_BY_CHANCE` by
+    chance alone (a prior-predictive check: Box, J. R. Stat. Soc. A 143 (1980) 383–430).
+    """
+    own = learn_baseline(sessions, replace(prior, variance=None, degrees_of_freedom=Prior().degrees_of_freedom))
+    if own is None or prior.variance is None:
+        return False
+    bank = bank_of(own)
+    degrees = float(bank.weight @ (2.0 * bank.shape))
+    below = float(scipy.special.fdtr(degrees, prior.degrees_of_freedom, bank.variance / prior.variance))
+    return min(below, 1.0 - below) < 0.5 * CONTRADICTED_BY_CHANCE
 
 
 def learn_level_again(belief: Belief, sessions: Sequence[Session]) -> Belief:

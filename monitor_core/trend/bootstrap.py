@@ -85,7 +85,7 @@ def found_rate(
     residual = np.array([session.residual for session in sessions])
     reference = np.array([session.reference for session in sessions])
     blocks = (np.arange(n)[:, None] + np.arange(BLOCK)) % n
-    per_year = design.settings.sessions_per_year / _DAYS
+    per_year = design.sessions_per_year / _DAYS
 
     def rates(starts: FloatArray, years: int) -> FloatArray:
         """Return the alarms a year of histories, given where their blocks start, shape (n_histories, n_blocks)."""
@@ -99,7 +99,7 @@ def found_rate(
     drawn = rng.integers(n, size=(_HISTORIES, n // BLOCK)).astype(np.float64)
     ends = np.array([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     resampled = np.quantile(rates(drawn, _YEARS), ends)
-    years = n / design.settings.sessions_per_year
+    years = n / design.sessions_per_year
     rare = scipy.special.gammaincinv(rate * years + 0.5, ends) / years
     low, high = float(min(resampled[0], rare[0], rate)), float(max(resampled[1], rare[1], rate))
     interval = Interval(low, high, IntervalKind.CONFIDENCE, level)

@@ -237,7 +237,7 @@ def _require_positive(limit: float) -> None:
         raise OutsideValidityError(f"limit must be positive; got {limit}")
 
 
-#: Most sessions that a year is counted with: one a day.
+#: Most sessions that a year is expected to have: one a day. Measured round the clock there are more.
 SESSIONS_PER_YEAR = 365.0
 #: Rates that limits are sought for [1/year]: from one false alarm a year of a million axes, beyond which the tails that
 #: the tables rest on are nobody's, to one in every session.
@@ -258,6 +258,11 @@ ALERT_DURATION = 10.0
 SHEWHART_SHARE = 0.1
 #: Share of the false alarms that are left to the weighing of all sessions together: so many are none of the other two.
 EVIDENCE_SHARE = 0.1
+#: By how much the limits grow with twice the sessions between two false alarms: over a factor of eight, either way of a
+#: year of days, that holds a rate to 3 %.
+CUSUM_PER_DOUBLING, SHEWHART_PER_DOUBLING = 1.33, 0.145
+#: Sessions between two false alarms, below which the limits are not lowered any more where sessions are rarer.
+FEWEST_BETWEEN = 45.0
 #: The Shewhart rule waits for the next session to confirm.
 SHEWHART_CONSECUTIVE = 2
 
@@ -274,9 +279,9 @@ class DetectorSettings:
     """What the owner of an axis decides.
 
     The false-alarm rate is the expected number in a year of a healthy axis. Measurements within
-    :data:`monitor_core.trend.observation.SESSION` are one session, of which there is one a day at most. The baseline
-    needs so many sessions and such a span; it goes on learning as long as nothing speaks against it. The rate of alerts
-    is an upper estimate.
+    :data:`monitor_core.trend.observation.SESSION` are one session. How many a year there will be is a first guess, in
+    place of which the axis itself soon tells. The baseline needs so many sessions and such a span; it goes on learning
+    as long as nothing speaks against it. The rate of alerts is an upper estimate.
     """
 
     false_alarms_per_year: float = 1.0
@@ -297,13 +302,13 @@ class DetectorSettings:
 
     @property
     def sessions_per_year(self) -> float:
-        """Sessions that the rates are counted over."""
+        """Sessions that are expected."""
         return min(self.measurements_per_year, SESSIONS_PER_YEAR)
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorDesign:
-    """Limits that meet the settings. Solved once, used for every measurement."""
+    """Limits that meet the settings. Solved once, and brought to the sessions a year that an axis truly has."""
 
     settings: DetectorSettings
     cusum_reference: float  # where the baseline is known for certain
@@ -311,6 +316,30 @@ class DetectorDesign:
     shewhart_limit: float
     ewma_limit: float
     evidence_limit: float  # of ln R, see :mod:`monitor_core.trend.lasting_loss`
+    pace: float | None = None  # sessions a year that the limits are for; None: those that the settings expect
+
+    @property
+    def sessions_per_year(self) -> float:
+        """Sessions that the rates are counted over."""
+        return self.settings.sessions_per_year if self.pace is None else self.pace
+
+    def at_pace(self, sessions_per_year: float) -> "DetectorDesign":
+        """Return the limits for so many sessions a year.
+
+        Below :data:`FEWEST_BETWEEN` they stay, which is fewer false alarms than stated.
+        """
+        fewest = min(FEWEST_BETWEEN * self.settings.false_alarms_per_year, self.sessions_per_year)
+        ratio = max(sessions_per_year, fewest) / self.sessions_per_year
+        if ratio == 1.0:
+            return self
+        doublings = math.log2(ratio)
+        return replace(
+            self,
+            pace=ratio * self.sessions_per_year,
+            cusum_limit=self.cusum_limit + doublings * CUSUM_PER_DOUBLING,
+            shewhart_limit=self.shewhart_limit + doublings * SHEWHART_PER_DOUBLING,
+            evidence_limit=self.evidence_limit + math.log(ratio),
+        )
 
     @property
     def largest_increment(self) -> float:
@@ -403,7 +432,7 @@ class DetectionDelay:
     """Average run length of the charts after a sudden loss, from empty charts to the alarm."""
 
     sessions: float  # [-]
-    days: float  # at the sessions a year of the settings
+    days: float  # at the sessions a year of the design
 
 
 def detection_delay(design: DetectorDesign, shift: float) -> DetectionDelay:
@@ -450,4 +479,4 @@ def detection_delay(design: DetectorDesign, shift: float) -> DetectionDelay:
         confirmed_limit=design.shewhart_limit,
     )
     sessions = float(run_length)
-    return DetectionDelay(sessions, sessions * 365.0 / design.settings.sessions_per_year)
+    return DetectionDelay(sessions, sessions * SESSIONS_PER_YEAR / design.sessions_per_year)

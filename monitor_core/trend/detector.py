@@ -12,7 +12,7 @@ from datetime import datetime
 import numpy as np
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.trend.baseline import Baseline, baseline_of, learn_baseline, learn_level_again
+from monitor_core.trend.baseline import Baseline, baseline_of, contradicts, learn_baseline, learn_level_again
 from monitor_core.trend.belief import Belief, learn, pass_over, predict
 from monitor_core.trend.charts import (
     EWMA_WEIGHT,
@@ -76,8 +76,10 @@ def step(state: DetectorState, observation: Observation, design: DetectorDesign)
     if state.session is not None and state.session.takes(observation.at):
         session = state.session.with_observation(observation)
     else:
-        state, session = _closed(state, design), first_of(observation)
+        state, session = _closed(state, state.of(design)), first_of(observation)
+        state = replace(state, first_at=state.first_at or observation.at, n_sessions=state.n_sessions + 1)
     state = replace(state, session=session, last_at=observation.at)
+    design = state.of(design)
     if state.baseline is None or state.learnt is None:
         return _learn(state, session, design)
     return _watch(state, state.learnt, state.baseline, session, design)
@@ -90,7 +92,15 @@ def reset(state: DetectorState) -> DetectorState:
     dependence, season and covariates stays, as does the time of the last observation, so that an old one cannot come
     again.
     """
-    return DetectorState(last_at=state.last_at, prior=state.prior, learnt=state.learnt)
+    return replace(_emptied(state), learnt=state.learnt)
+
+
+def _emptied(state: DetectorState) -> DetectorState:
+    """Return a state of the same life that has learnt nothing yet."""
+    return DetectorState(
+        last_at=state.last_at, first_at=state.first_at, n_sessions=state.n_sessions, prior=state.prior,
+        contradicted=state.contradicted,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,26 +195,23 @@ def _has_settled_upwards(charts: Charts, baseline: Baseline, design: DetectorDes
 
 def _learn(state: DetectorState, session: Session, design: DetectorDesign) -> DetectorState:
     collected = (*state.learning, session)
-    learnt = _learnt_baseline(state, collected, design)
+    if state.learnt is not None:
+        enough = len(collected) >= LEVEL_SIZE
+        learnt, contradicted = learn_level_again(state.learnt, collected) if enough else None, state.contradicted
+    else:
+        span = collected[-1].started_at - collected[0].started_at
+        enough = len(collected) >= design.settings.baseline_size and span >= design.settings.baseline_span
+        contradicted = enough and state.prior is not None and contradicts(collected, state.prior)
+        # as long as the sessions do not tell the scatter, they are not enough
+        learnt = learn_baseline(collected, None if contradicted else state.prior) if enough else None
     status = TrendStatus.LEARNING if learnt is None else TrendStatus.NORMAL
     since = state.since if state.status is status else session.last_at
     if learnt is None:
         return replace(state, status=status, since=since)
-    return DetectorState(
-        status=status, since=since, last_at=session.last_at, prior=state.prior, learnt=learnt, known=learnt,
+    return replace(
+        _emptied(state), status=status, since=since, contradicted=contradicted, learnt=learnt, known=learnt,
         baseline=baseline_of(learnt),
     )  # fmt: skip
-
-
-def _learnt_baseline(state: DetectorState, collected: tuple[Session, ...], design: DetectorDesign) -> Belief | None:
-    """Return what the sessions teach, once they are enough; as long as they do not tell the scatter, they are not."""
-    settings = design.settings
-    if state.learnt is not None:
-        return learn_level_again(state.learnt, collected) if len(collected) >= LEVEL_SIZE else None
-    span = collected[-1].started_at - collected[0].started_at
-    if len(collected) < settings.baseline_size or span < settings.baseline_span:
-        return None
-    return learn_baseline(collected, state.prior)
 
 
 def _watch(

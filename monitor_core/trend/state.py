@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from monitor_core.trend.baseline import Baseline
 from monitor_core.trend.belief import Belief, Prior
+from monitor_core.trend.charts import SESSIONS_PER_YEAR, DetectorDesign
 from monitor_core.trend.lasting_loss import Beginnings, LastingLoss
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
@@ -80,7 +81,8 @@ class DetectorState:
     """Everything the detector remembers. Plain values only: a caller stores it between measurements.
 
     A session is judged from its first measurement on and learnt when it is over: ``before`` are the charts before it,
-    ``charts`` with what it has so far. ``learnt`` is what is believed of the healthy axis; ``known`` has learnt the
+    ``charts`` with what it has so far. How often sessions come is counted from the first on, whatever becomes of them.
+    ``learnt`` is what is believed of the healthy axis; ``known`` has learnt the
     sessions, too, that something speaks against, and takes its place when nothing does any more. ``beginnings`` are
     what the sessions that are over say of a loss that lasts.
     """
@@ -88,15 +90,31 @@ class DetectorState:
     status: TrendStatus = TrendStatus.UNKNOWN
     since: datetime | None = None  # when the status was entered
     last_at: datetime | None = None  # latest observation
+    first_at: datetime | None = None  # start of the first session, and ...
+    n_sessions: int = 0  # ... how many began since
     session: Session | None = None  # that is going on
     learning: tuple[Session, ...] = ()  # the baseline as far as it is collected
     prior: Prior | None = None  # what sisters lend
+    contradicted: bool = False  # by the axis' own first sessions: nothing lent is used
     learnt: Belief | None = None
     known: Belief | None = None
     beginnings: Beginnings = field(default_factory=Beginnings)
     baseline: Baseline | None = None  # what is learnt, for people; None as long as no alarm can be raised
     before: Charts = Charts()
     charts: Charts = Charts()
+
+    @property
+    def prior_in_use(self) -> Prior | None:
+        """What sisters lend, unless the axis' own first sessions contradict it."""
+        return None if self.contradicted else self.prior
+
+    def of(self, design: DetectorDesign) -> DetectorDesign:
+        """Return the limits at the pace at which the sessions of this axis come, once its baseline shows one."""
+        if self.first_at is None or self.baseline is None or self.last_at is None:
+            return design
+        now = self.last_at if self.session is None else self.session.started_at
+        span = (now - self.first_at) / timedelta(days=SESSIONS_PER_YEAR)
+        return design.at_pace((self.n_sessions - 1) / span) if span > 0.0 else design
 
     @property
     def alarm(self) -> Evidence | None:

@@ -22,6 +22,7 @@ class LentBySisters(_View):
 
     n_sisters: int
     weight_in_scatter: float  # of what is known of the scatter [-]
+    contradicted: bool  # by the axis' own first sessions: nothing that they lent is used
 
 
 class BaselineView(_View):
@@ -80,10 +81,10 @@ def baseline_view(state: DetectorState, calibration: Calibration) -> BaselineVie
     interval = baseline.prediction_interval()
     # the feature falls as the preload rises, so its upper end is the lower preload
     lower, upper = (preload_from_feature(end, calibration.coefficients) for end in (interval.upper, interval.lower))
-    lent = LentBySisters(n_sisters=0, weight_in_scatter=0.0)
-    if prior is not None and prior.n_sisters:
-        weight = min(prior.degrees_of_freedom / baseline.degrees_of_freedom, 1.0)
-        lent = LentBySisters(n_sisters=prior.n_sisters, weight_in_scatter=weight)
+    used = state.prior_in_use
+    weight = min(used.degrees_of_freedom / baseline.degrees_of_freedom, 1.0) if used is not None else 0.0
+    n_sisters = 0 if prior is None else prior.n_sisters
+    lent = LentBySisters(n_sisters=n_sisters, weight_in_scatter=weight, contradicted=state.contradicted)
     return BaselineView(
         preload_n=preload_from_feature(baseline.mean, calibration.coefficients),
         prediction_interval_95_n=(lower, upper),

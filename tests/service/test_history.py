@@ -51,7 +51,7 @@ def test_a_healthy_season_gives_baseline_line_and_rate(old: Api) -> None:
     assert baseline["preload_n"] == pytest.approx(measured, abs=3.0)  # scatter of 9 N, of a mean 1 N
     assert baseline["size"] > 60  # it goes on learning
     assert baseline["not_seen"][0].startswith("other seasons than those")
-    assert baseline["sisters"] == {"n_sisters": 0, "weight_in_scatter": 0.0}
+    assert baseline["sisters"] == {"n_sisters": 0, "weight_in_scatter": 0.0, "contradicted": False}
     line = found["trend_line"]
     low, high = line["interval_95_n_per_year"]
     assert low <= line["slope_n_per_year"] <= high
@@ -70,6 +70,7 @@ def test_an_old_sister_lends_a_young_axis_its_scatter(old: Api) -> None:
     lent = history(old, "young")["baseline"]["sisters"]
     assert lent["n_sisters"] == 1
     assert 0.1 < lent["weight_in_scatter"] < 0.9
+    assert not lent["contradicted"]
 
 
 def test_an_axis_without_calibration_has_no_history(old: Api) -> None:

@@ -10,7 +10,7 @@ from scipy import stats
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import Observation, Prior, learn_baseline
-from monitor_core.trend.baseline import baseline_of
+from monitor_core.trend.baseline import CONTRADICTED_BY_CHANCE, baseline_of, contradicts
 from monitor_core.trend.belief import STRUCTURES, bank_of, begin, change_in_a_day, learn, pass_over, predict
 from monitor_core.trend.line import trend_line
 from monitor_core.trend.observation import first_of, sessions_of
@@ -322,6 +322,23 @@ def test_sisters_that_disagree_lend_less():
     alike = [learnt(v, temperatures=t) for v, t in (an_axis(rng, 200, per_kelvin=4.0) for _ in range(4))]
     unlike = [learnt(v, temperatures=t) for v, t in (an_axis(rng, 200, per_kelvin=k) for k in (-6.0, 0.0, 5.0, 9.0))]
     assert prior_from(unlike).deviations[3] > 1.5 * prior_from(alike).deviations[3]
+
+
+def test_what_sisters_lend_is_dropped_where_the_first_sessions_contradict_it_and_seldom_else():
+    """Axes whose scatter is drawn from what was lent: the stated rate; then axes far from it."""
+    rng, lent = np.random.default_rng(17), Prior(variance=1.0, degrees_of_freedom=20.0, n_sisters=4)
+    spread = np.sqrt(20.0 / rng.chisquare(20.0, 100))
+
+    def dropped(scatter):
+        return sum(contradicts(sessions_of(observations(s * rng.standard_normal(20))), lent) for s in scatter)
+
+    assert dropped(spread) <= stats.binom.ppf(0.999, 100, CONTRADICTED_BY_CHANCE)
+    assert dropped([0.5] * 40) > 32  # F of 20 and 20 degrees of freedom beyond 4, less what dependence may explain
+    assert dropped([2.5] * 40) > 32
+    assert dropped([0.25] * 20) == 20
+    steep = prior_from([learnt(v, temperatures=t) for v, t in (an_axis(rng, 300, per_kelvin=4.0) for _ in range(4))])
+    values, temperatures = an_axis(rng, 20, per_kelvin=-6.0)
+    assert contradicts(sessions_of(observations(values, temperatures=temperatures)), steep)  # not the scatter alone
 
 
 # --- the line --------------------------------------------------------------------------------------------------------

@@ -19,9 +19,11 @@ from monitor_core.trend import (
     DetectorState,
     LossDirection,
     Observation,
+    Prior,
     TrendStatus,
     closed_session,
     design_detector,
+    detection_delay,
     reset,
     state_at,
     step,
@@ -120,6 +122,47 @@ def test_rarer_false_alarms_cost_wider_limits():
     assert limits == sorted(limits)
     assert design(measurements_per_year=8766.0) != design()
     assert design(measurements_per_year=8766.0).cusum_limit == design().cusum_limit  # sessions, not measurements
+
+
+def test_limits_follow_the_rate_at_which_sessions_truly_come():
+    # a session takes twenty hours: measured every hour there are 438 a year, once a week 52
+    limits = design()
+    for pace in (52.0, 180.0, 438.0):
+        found = limits.at_pace(pace)
+        days = 365.0 * detection_delay(found, 0.0).sessions / pace
+        assert days == pytest.approx(detection_delay(limits, 0.0).days, rel=0.03)  # between two false alarms
+        assert found.evidence_limit == pytest.approx(math.log(pace))
+    rng, wanted = np.random.default_rng(21), {1.0: 438.0, 24.0: 365.0, 168.0: 365.0 / 7.0}
+    for hours, pace in wanted.items():
+        state = DetectorState()
+        for i in range(int(30 * max(24.0, hours) / hours)):
+            at = START + i * timedelta(hours=hours)
+            state = step(state, Observation(at, float(healthy(rng, 1)[0])), limits)
+        assert state.of(limits).sessions_per_year == pytest.approx(pace, rel=0.03)
+        assert reset(state).n_sessions == state.n_sessions  # whatever becomes of the charts
+
+
+def test_coarse_sisters_do_not_blind_a_young_axis(watching):
+    lent = replace(Prior(), variance=1600.0, degrees_of_freedom=20.0, n_sisters=3)  # four times the scatter
+    exact = 300.0 + 10.0 * math.sqrt(19.0 / 20.0) * np.array([1.0, 1.0, -1.0, -1.0] * 5)
+    young = run(exact, state=DetectorState(prior=lent))[-1]
+    assert young.contradicted
+    assert young.baseline == watching.baseline  # as if alone
+    assert reset(young).contradicted
+    assert not run(exact, state=DetectorState(prior=replace(lent, variance=110.0)))[-1].contradicted
+
+
+def test_a_loss_with_friction_that_falls_is_an_alarm():
+    # a twelfth of the preload: the friction of the nut falls as well, by a tenth
+    rng, state = np.random.default_rng(22), DetectorState()
+    for day in range(60):
+        lost = day >= 50
+        torque = (0.09 if lost else 0.1) * (1.0 + 0.02 * rng.standard_normal())
+        at = START + day * DAY
+        value = float(healthy(rng, 1)[0]) - 25.0 * lost
+        state = step(state, Observation(at, value, friction_torque=float(torque)), design())
+        assert lost or state.alarm is None
+    assert state.alarm is not None
 
 
 # --- delays ----------------------------------------------------------------------------------------------------------

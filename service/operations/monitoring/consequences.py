@@ -169,4 +169,4 @@ def _delay_days(design: DetectorDesign, detector: DetectorState, calibration: Ca
         return None
     lost = preload_feature(axial_frequency(place, preload, coefficients), place, coefficients)
     scatter = (baseline.scatter**2 + baseline.standard_uncertainty**2) ** 0.5
-    return detection_delay(design, (lost - baseline.mean) / scatter).days
+    return detection_delay(detector.of(design), (lost - baseline.mean) / scatter).days

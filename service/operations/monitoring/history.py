@@ -81,7 +81,9 @@ class History:
         line, false_alarms = self._remembered.of(
             ("long run", axis_id),
             (hash(tuple(sessions)), row.active_calibration_id, row.epoch, row.detector_design),
-            lambda: _long_run(list(map(SessionRecord.of, sessions)), calibration, design, state.prior, row.epoch),
+            lambda: _long_run(
+                list(map(SessionRecord.of, sessions)), calibration, state.of(design), state.prior_in_use, row.epoch
+            ),
         )
         alert = alert_view(state, calibration, design.settings.baseline_size)
         return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert)

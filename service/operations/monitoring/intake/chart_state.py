@@ -42,6 +42,7 @@ _DESIGN = StoredRecord(
     TypeAdapter(DetectorDesign),
     version=3,  # a limit for all sessions together
     remedy="restore the backup, or send the configuration of the axis again, which solves new ones",
+    added=frozenset({"pace"}),
 )
 
 
