@@ -10,8 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIBRARIES = ("npTDMS", "asammdf", "pyarrow", "openpyxl", "h5py", "scipy", "pyuff", "numpy")
-TESTS = ("raw", "mdf4", "parquet", "xlsx", "mat", "npz", "wav", "uff_responses", "times", "stored", "hdf5_of_others",
-         "cells", "session")  # fmt: skip
+FILES = [path for path in sorted(Path(__file__).parent.glob("test_*.py")) if path != Path(__file__)]
 
 
 def test_the_docs_say_which_versions_of_the_libraries_are_tried():
@@ -20,9 +19,10 @@ def test_the_docs_say_which_versions_of_the_libraries_are_tried():
     assert [words for words in tried if words not in page] == []
 
 
-@pytest.mark.release
-def test_the_readers_pass_their_tests_at_the_newest_release_of_each_library(tmp_path):
-    folder = tmp_path / "newest"
+@pytest.fixture(scope="module")
+def newest(tmp_path_factory):
+    """Environment in which the libraries are of their newest releases."""
+    folder = tmp_path_factory.mktemp("newest")
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
     installed = subprocess.run([*pip, "--target", folder, *LIBRARIES], check=False, capture_output=True, text=True)
     if installed.returncode:
@@ -30,10 +30,14 @@ def test_the_readers_pass_their_tests_at_the_newest_release_of_each_library(tmp_
     environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"}
     names = [name.lower() for name in LIBRARIES]
     program = f"import {', '.join(names)}\nprint(*(module.__file__ for module in ({', '.join(names)})))"
-    run = {"env": environment, "capture_output": True, "text": True, "cwd": ROOT}
-    used = subprocess.run([sys.executable, "-c", program], check=True, **run).stdout.split()
-    assert [place for place in used if not place.startswith(str(folder))] == []
-    files = [f"tests/recordings/test_{name}.py" for name in TESTS]
-    pytest_of_it = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not release"]
-    tried = subprocess.run([*pytest_of_it, *files], check=False, **run)
+    used = subprocess.run([sys.executable, "-c", program], check=True, env=environment, capture_output=True, text=True)
+    assert [place for place in used.stdout.split() if not place.startswith(str(folder))] == []
+    return environment
+
+
+@pytest.mark.release
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_the_readers_pass_their_tests_at_the_newest_release_of_each_library(newest, path):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not release", path]
+    tried = subprocess.run(command, check=False, env=newest, capture_output=True, text=True, cwd=ROOT)
     assert tried.returncode == 0, tried.stdout[-4000:]
