@@ -1,7 +1,9 @@
-"""Estimate the friction of the running axis: the second indicator of preload, independent of any natural frequency.
+r"""Estimate the friction of the running axis: the second indicator of preload, independent of any natural frequency.
 
 One friction of a measurement, from whatever its windows hold: the work of all their moves where they tell it, which is
-nearly always, else the drag torque of what little they travel at constant velocity.
+nearly always, else the drag torque of what little they travel at constant velocity. The work of large accelerations
+needs torque and position at one time: δ apart they add :math:`\delta \sum T \dot v / \sum |v|`, which is as large as
+a small friction after a third of a millisecond. Where the drag torque is known it tells.
 """
 
 import math
@@ -32,6 +34,10 @@ _SHORTEST_PATH = 1e-4
 _FEWEST_PAIRS = 3
 #: Share of the path that net travel must leave unexplained: in one direction alone friction and offset are one number.
 _BOTH_DIRECTIONS = 0.01
+#: A friction torque that differs from the drag torque by more than this factor is not of the friction alone ...
+_AGREES = 1.5
+#: ... and one of fewer standard uncertainties is none.
+_KNOWN = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +59,27 @@ class Friction:
 
 
 def estimate_friction(windows: Sequence[Window]) -> Friction | Rejection:
-    """Return the friction of the windows of one measurement, or why they tell none: motion, position, torque."""
+    """Return the friction of the windows of one measurement, or why they tell none: motion, position, torque, noise."""
     velocities = velocities_of(windows)
     drag, torque = estimate_drag_torque(windows, velocities), friction_torque(windows, velocities)
-    if isinstance(torque, Rejection) and isinstance(drag, DragTorque):
+    if isinstance(drag, DragTorque) and (isinstance(torque, Rejection) or not _agree(torque, drag.drag)):
         torque = drag.drag
-    return torque if isinstance(torque, Rejection) else Friction(torque, drag)
+    if isinstance(torque, Rejection):
+        return torque
+    if abs(torque.value) < _KNOWN * torque.standard_uncertainty:
+        return Rejection(
+            RejectionReason.LITTLE_EXCITATION,
+            f"friction torque must exceed {_KNOWN:g} of its standard uncertainties; got {torque.value:.2g} N·m ± "
+            f"{torque.standard_uncertainty:.2g} N·m",
+        )
+    return Friction(torque, drag)
+
+
+def _agree(torque: Estimate, drag: Estimate) -> bool:
+    """Tell whether friction and drag torque agree, as far as the drag torque is known."""
+    if abs(drag.value) < _KNOWN * drag.standard_uncertainty:
+        return True
+    return 1.0 / _AGREES < torque.value / drag.value < _AGREES
 
 
 def estimate_drag_torque(

@@ -194,6 +194,26 @@ def test_friction_is_that_of_the_work_and_of_few_windows_the_drag():
     assert isinstance(estimate_friction([replace(w, position_trace=None) for w in windows]), Rejection)
 
 
+@pytest.mark.parametrize("delay", [-2, 2])
+def test_channels_that_are_apart_leave_the_drag_torque(delay):
+    # two milliseconds between torque and position: what accelerates works, too
+    rng = np.random.default_rng(18)
+    windows = [window(rng, drag=0.1) for _ in range(8)]
+    apart = [replace(w, excitation=np.roll(w.excitation, delay)) for w in windows]
+    assert not 0.05 < friction_torque(apart).value < 0.15
+    friction = estimate_friction(apart)
+    assert isinstance(friction, Friction)
+    assert friction.torque == friction.drag.drag
+    assert friction.torque.value == pytest.approx(0.1, abs=0.02)
+
+
+def test_friction_that_noise_hides_is_none():
+    rng = np.random.default_rng(19)
+    refusal = estimate_friction([window(rng, drag=0.0, offset=0.0, noise=0.5) for _ in range(6)])
+    assert isinstance(refusal, Rejection)
+    assert "must exceed 4 of its standard uncertainties" in refusal.detail
+
+
 def test_motion_in_one_direction_tells_no_friction_torque():
     rng = np.random.default_rng(17)
     forth = [
