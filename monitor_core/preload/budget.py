@@ -88,6 +88,9 @@ POSITION_TAG = 2e-3
 #: A payload that nobody states, where neither payloads of the calibration nor the residue tell, of what moves (uniform,
 #: declared) [-].
 UNSTATED_PAYLOAD = 0.05
+#: Of the logarithm of the largest calibrated payload's factor on 1/f², half way to it: 1/f² bends with the mass, and
+#: few payloads show how (declared).
+PAYLOAD_BEND = 0.01
 #: Of the logarithm of the payload's factor on 1/f², per calibrated payload by which it lies beyond (declared).
 PAYLOAD_EXTRAPOLATION = 0.1
 
@@ -188,8 +191,11 @@ def _payload(
             return math.hypot(mass.logarithm, mass.standard_uncertainty), 0.0
         return (mu * largest or of_days * UNSTATED_PAYLOAD) / math.sqrt(3.0), 0.0
     beyond = max(conditions.payload_mass - calibration.payload.upper, 0.0)
-    if mu == 0.0 or INVERSE_MOVING_MASS in calibration.declared or beyond == 0.0:
+    if mu == 0.0 or INVERSE_MOVING_MASS in calibration.declared or largest == 0.0:
         return 0.0, None
+    if beyond == 0.0:
+        way = (conditions.payload_mass - calibration.reference_payload) / largest
+        return PAYLOAD_BEND * math.log1p(mu * largest) * 4.0 * way * (1.0 - way), None
     return PAYLOAD_EXTRAPOLATION * math.log1p(mu * (largest + beyond)) * beyond / max(largest, beyond), None
 
 
