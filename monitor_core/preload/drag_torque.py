@@ -34,8 +34,10 @@ _SHORTEST_PATH = 1e-4
 _FEWEST_PAIRS = 3
 #: Share of the path that net travel must leave unexplained: in one direction alone friction and offset are one number.
 _BOTH_DIRECTIONS = 0.01
-#: A friction torque that differs from the drag torque by more than this factor is not of the friction alone ...
-_AGREES = 1.5
+#: A friction torque that differs from the drag torque by more than this factor, and by more than chance once in so many
+#: measurements, is not of the friction alone ...
+_AGREES = 2.0
+_CHANCE = 1e-3
 #: ... and one of fewer standard uncertainties is none.
 _KNOWN = 4.0
 
@@ -76,10 +78,10 @@ def estimate_friction(windows: Sequence[Window]) -> Friction | Rejection:
 
 
 def _agree(torque: Estimate, drag: Estimate) -> bool:
-    """Tell whether friction and drag torque agree, as far as the drag torque is known."""
-    if abs(drag.value) < _KNOWN * drag.standard_uncertainty:
-        return True
-    return 1.0 / _AGREES < torque.value / drag.value < _AGREES
+    """Tell whether friction and drag torque agree, as far as the drag torque is known: from few travels it is not."""
+    chance = float(scipy.special.stdtrit(drag.degrees_of_freedom, 1.0 - _CHANCE / 2.0))
+    apart = abs(torque.value - drag.value) > chance * math.hypot(torque.standard_uncertainty, drag.standard_uncertainty)
+    return not apart or 1.0 / _AGREES < torque.value / drag.value < _AGREES
 
 
 def estimate_drag_torque(
