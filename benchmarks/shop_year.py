@@ -15,10 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.honest_intervals import SETTINGS, Judged
-from monitor_core.pipeline import witnesses_of
-from monitor_core.preload import Calibration, DoubtReason, PreloadEstimate, estimate_preload
-from monitor_core.recording import Conditions, Rejection
+from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import AxisState, advance, scatter_with_history, witnesses_of
+from monitor_core.preload import Calibration, PreloadEstimate, estimate_preload, excess_variance_of, widened
+from monitor_core.recording import Conditions, DoubtReason, Rejection
 from monitor_core.session import SessionMeasurement, calibrate_judged, judge_session, with_session_doubts
+from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from tests.plant.chain import Condition
 from tests.plant.shop import MACHINES, Machine, calibration_session, shop_year
 
@@ -45,6 +47,8 @@ def record_year(machine: Machine, days: int, seed: int, every: int = 1) -> Recor
     return RecordedYear(judged, sessions, preload, conditions)
 
 
+DESIGN = design_detector(DetectorSettings(measurements_per_year=5 * 365.0, loss=LossDirection.RISE))
+
 #: What is stated of the conditions.
 ROWS: dict[str, Callable[[Conditions], Conditions]] = {
     "stated": lambda stated: stated,
@@ -54,13 +58,28 @@ ROWS: dict[str, Callable[[Conditions], Conditions]] = {
 }
 
 
-def judge_year(recorded: RecordedYear, stated: Callable[[Conditions], Conditions]) -> list[list[Judged]]:
-    """Judge every day of a year, with so much of its conditions stated."""
-    calibration = calibrate_judged(recorded.calibration, SETTINGS)
-    judged = []
+def judge_year(
+    recorded: RecordedYear, stated: Callable[[Conditions], Conditions], *, history: bool = True
+) -> list[list[Judged]]:
+    """Judge every day of a year, with so much of its conditions stated and with what the axis has shown before."""
+    calibration, state, judged = calibrate_judged(recorded.calibration, SETTINGS), AxisState(), []
     for session, truth in zip(recorded.sessions, recorded.preload, strict=True):
         measured = with_session_doubts([_judged(item, calibration, stated) for item in session], calibration)
-        judged.append([Judged(truth, item.outcome.preload) for item in measured])
+        answers = []
+        for item in measured:
+            answer, modal = item.outcome.preload, item.outcome.modal
+            if history and isinstance(answer, PreloadEstimate) and isinstance(modal, ModalMeasurement):
+                before = state
+                state = advance(before, item.outcome, modal.started_at, calibration=calibration, design=DESIGN)
+                scatter = scatter_with_history(
+                    before, modal.started_at, item.conditions, answer.feature_scatter, calibration
+                )
+                if scatter is not None:
+                    excess = excess_variance_of(scatter, answer.feature_scatter)
+                    interval = widened(answer.interval, answer.preload, answer.feature.value, excess)
+                    answer = replace(answer, interval=interval)
+            answers.append(Judged(truth, answer))
+        judged.append(answers)
     return judged
 
 
@@ -72,10 +91,11 @@ def _judged(
     if isinstance(modal, Rejection):
         return item
     conditions = stated(item.conditions)
+    modal = replace(modal, conditions=conditions)
     preload = estimate_preload(modal.mode.frequency, conditions, calibration, witnesses=witnesses_of(modal))
     if isinstance(preload, PreloadEstimate) and isinstance(before, PreloadEstimate):
         preload = preload.with_doubts([doubt for doubt in before.doubts if doubt.reason is DoubtReason.SECOND_MODE])
-    return replace(item, conditions=conditions, outcome=replace(item.outcome, preload=preload))
+    return replace(item, conditions=conditions, outcome=replace(item.outcome, modal=modal, preload=preload))
 
 
 def common_to_a_month(months: list[list[list[Judged]]]) -> float:

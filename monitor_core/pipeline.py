@@ -11,7 +11,7 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 
 from monitor_core.cross_checks import cross_checked
 from monitor_core.errors import OutsideValidityError
@@ -26,7 +26,9 @@ from monitor_core.preload import (
     estimate_preload,
     expected_band,
     systematic_uncertainty_between,
+    with_history,
 )
+from monitor_core.preload.budget import TEMPERATURE_LAG, THERMOMETER_OFFSET, lagging
 from monitor_core.preload.doubts import PlaceReading, Places
 from monitor_core.preload.drag_torque import Friction, estimate_friction
 from monitor_core.preload.estimate import place_reading
@@ -359,6 +361,38 @@ def advance_feature(
         places=places,
         places_since=since,
     )
+
+
+#: What the sessions of an axis have in common lasts so long: a mounting, a lubrication.
+LASTING = timedelta(days=30)
+#: A structure has followed what its thermometer said so long ago.
+FOLLOWED = timedelta(days=7)
+
+
+def scatter_with_history(
+    state: AxisState, at: datetime, conditions: Conditions, declared: float, calibration: Calibration
+) -> float | None:
+    """Return the scatter between sessions that an axis in this state is known to have, ``None`` before a baseline.
+
+    ``declared`` is what the budget of its next measurement allows for, both as standard deviations of the feature [s²].
+    Of a temperature, the structure lags behind what has changed since the session before, not behind its distance from
+    the calibration's. What the sessions have shown is pooled with the declared. A mounting or a lubrication lasts for a
+    month: a small scatter counts by the months that have shown it, a large one by the sessions.
+    """
+    detector = state.detector
+    if detector.baseline is None or detector.learnt is None:
+        return None
+    baseline, before = detector.baseline, detector.learnt.latest_temperature
+    variance = declared**2
+    if conditions.temperature is not None and before is not None and at - detector.learnt.last_at < FOLLOWED:
+        _, excess = calibration.excess(conditions)
+        changed = min(abs(conditions.temperature - before), abs(excess))
+        k_t = calibration.influence.temperature
+        variance -= k_t**2 * (lagging(excess) ** 2 - math.hypot(THERMOMETER_OFFSET, TEMPERATURE_LAG * changed) ** 2)
+    known = math.sqrt(max(variance, 0.0))
+    months = (baseline.ended_at - baseline.started_at) / LASTING
+    dof = baseline.degrees_of_freedom if baseline.scatter > known else min(months, baseline.degrees_of_freedom)
+    return with_history(known, baseline.scatter, dof)
 
 
 def _places_with(state: AxisState, charted: ChartedFeature) -> tuple[Places, datetime]:

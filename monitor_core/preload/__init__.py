@@ -2,10 +2,11 @@
 
 from monitor_core.preload.budget import (
     VarianceShares as VarianceShares,
+    excess_variance_of as excess_variance_of,
     systematic_uncertainty_between as systematic_uncertainty_between,
-    unexplained_scatter as unexplained_scatter,
     widened as widened,
     widened_ends as widened_ends,
+    with_history as with_history,
 )
 from monitor_core.preload.calibration import (
     Calibration as Calibration,

@@ -70,6 +70,8 @@ TEMPERATURE_LAG = 0.45
 #: Of a thermometer as the temperature of what stretches, wherever it reads (standard uncertainty, declared): an offset
 #: of 1 K, and as much by which the structure still follows yesterday's air [K].
 THERMOMETER = 1.5
+#: Of it, the offset: it is there in every session [K].
+THERMOMETER_OFFSET = 1.0
 #: A temperature that nobody states lies within so much of the calibration's, or within what the calibration has seen
 #: (uniform, declared): a hall without air conditioning is 13 to 31 °C in the course of a year [K].
 UNSTATED_TEMPERATURE = 9.0
@@ -85,6 +87,10 @@ WITNESSED_FRICTION_SHARE_BELOW = 0.5
 UNSEEN_FRICTION = 0.3
 #: Of a stated position, standard uncertainty: home switch, mounting of the scale, where the table was said to be [m].
 POSITION_TAG = 2e-3
+#: Of what another day changes, the part that has lasted since the calibration: a mounting.
+LASTING_MOUNTING = 0.5
+#: Of a declared standard uncertainty: it is known to a quarter of itself (GUM, G.4.2) [-].
+DECLARED_DEGREES_OF_FREEDOM = 8.0
 #: A payload that nobody states, where neither payloads of the calibration nor the residue tell, of what moves (uniform,
 #: declared) [-].
 UNSTATED_PAYLOAD = 0.05
@@ -115,11 +121,17 @@ class Influence:
     sensitivity: float  # [s² per unit of the quantity]
     uncertainty: float  # standard, of the quantity as it is stated, or as it may be where nobody states it
     were_it_stated: float | None = None  # the same, were it stated; None: it is, or it cannot be
+    lasting: float = 0.0  # of the uncertainty, what has been the same since the calibration: no later session shows it
 
     @property
     def variance(self) -> float:
         """Of 1/f² [s⁴]."""
         return (self.sensitivity * self.uncertainty) ** 2
+
+    @property
+    def shown(self) -> float:
+        """Of the variance, what the sessions of an axis show by their scatter [s⁴]."""
+        return self.sensitivity**2 * max(self.uncertainty**2 - self.lasting**2, 0.0)
 
 
 #: A quantity that a frequency does not follow, or not beyond what its readings scatter by.
@@ -152,10 +164,14 @@ def influences_of(
     return OfInfluences(
         temperature=_temperature(conditions, calibration, amplification * inverse_square, of_days),
         payload=Influence(at_reference, *_payload(conditions, calibration, mass, of_days)),
-        position=Influence(amplification * (2.0 * k.k1 * conditions.position + k.k2), of_days * POSITION_TAG),
+        position=Influence(
+            amplification * (2.0 * k.k1 * conditions.position + k.k2), of_days * POSITION_TAG, lasting=POSITION_TAG
+        ),
         friction=Influence(amplification, of_days * _friction(k_f, friction)),
         lubrication=Influence(amplification, of_days * _unseen_friction(k_f, friction, inverse_square)),
-        between_session=Influence(2.0 * at_reference, calibration.between_sessions),
+        between_session=Influence(
+            2.0 * at_reference, calibration.between_sessions, lasting=LASTING_MOUNTING * calibration.between_sessions
+        ),
         # moves both ways, at the speed and the level of the axis, are in the scatter of the readings; what others do
         # is friction, and their witnesses doubt it
         direction=_NONE,
@@ -165,18 +181,25 @@ def influences_of(
     )
 
 
+def lagging(excess: float) -> float:
+    """Return the standard uncertainty of a structure's temperature so far from the calibration's, both in kelvin."""
+    return math.hypot(THERMOMETER, TEMPERATURE_LAG * excess)
+
+
 def _temperature(conditions: Conditions, calibration: Calibration, inverse_square: float, of_days: float) -> Influence:
     k_t, seen = calibration.parameter(TEMPERATURE_COEFFICIENT), calibration.temperature
     if k_t is None or seen is None:  # nothing is corrected, whatever is stated
-        return Influence(UNKNOWN_TEMPERATURE_COEFFICIENT * inverse_square, of_days * UNSTATED_TEMPERATURE / 3.0**0.5)
+        spread = of_days * UNSTATED_TEMPERATURE / 3.0**0.5
+        return Influence(UNKNOWN_TEMPERATURE_COEFFICIENT * inverse_square, spread, lasting=spread)
     sensitivity = math.hypot(k_t.value, k_t.standard_uncertainty)
     _, excess = calibration.excess(conditions)
-    lagging = of_days * math.hypot(THERMOMETER, TEMPERATURE_LAG * excess)
     if conditions.temperature is not None:
-        return Influence(abs(k_t.value), lagging)
+        return Influence(abs(k_t.value), of_days * lagging(excess), lasting=THERMOMETER_OFFSET)
     spread = max(UNSTATED_TEMPERATURE, 0.5 * (seen.upper - seen.lower)) / 3.0**0.5
-    stated = of_days * math.hypot(THERMOMETER, TEMPERATURE_LAG * spread)
-    return Influence(sensitivity, math.hypot(spread, of_days * THERMOMETER), stated)
+    stated = of_days * lagging(spread)
+    not_stated = math.hypot(spread, of_days * THERMOMETER)
+    # seasons are learnt as such, and do not show in the scatter
+    return Influence(sensitivity, not_stated, stated, lasting=not_stated)
 
 
 def _payload(
@@ -242,6 +265,13 @@ class UncertaintyBudget:
         """Variance that is new in every measurement, or in every session."""
         of_influences = sum(getattr(self.influences, name).variance for name in OfInfluences.__slots__)
         return float(self.frequency + self.reproducibility + of_influences)
+
+    @property
+    def shown(self) -> float:
+        """Variance that the sessions of an axis show by their scatter, each the mean of its measurements."""
+        # a payload is another one in every session, or the same in all
+        of = [getattr(self.influences, name).shown for name in OfInfluences.__slots__ if name != "payload"]
+        return float(sum(of))
 
     @property
     def total(self) -> float:
@@ -387,35 +417,49 @@ def systematic_uncertainty_between(
     return float(max(0.0, here - max(of_baseline)))
 
 
-def unexplained_scatter(learnt: Real, budgeted: Real) -> Real:
-    """Return what the scatter between sessions has on top of what the budget of a measurement allows for.
+def with_history(declared: float, shown: float, degrees_of_freedom: float) -> float:
+    r"""Return the scatter between sessions by what was declared of it and what an axis has shown, pooled.
 
-    Both are standard deviations of the preload feature [s²]. A smaller scatter narrows nothing: what has been the same
-    since the calibration (a mounting, a home switch) does not show in it.
+    .. math:: \sigma^2 = \frac{\nu_0 \sigma_0^2 + \nu s^2}{\nu_0 + \nu}
+
+    A random-effects model: the declared variance is that of many axes, known with :math:`\nu_0` degrees of freedom
+    (:data:`DECLARED_DEGREES_OF_FREEDOM`), the shown one that of this axis. It widens as well as it narrows. Standard
+    deviations of the preload feature [s²].
     """
-    unexplained: Real = np.sqrt(np.maximum(learnt**2 - budgeted**2, 0.0))
-    return unexplained
+    total = DECLARED_DEGREES_OF_FREEDOM + degrees_of_freedom
+    return math.sqrt((DECLARED_DEGREES_OF_FREEDOM * declared**2 + degrees_of_freedom * shown**2) / total)
 
 
-def widened(interval: Interval, preload: float, feature: float, unexplained: float) -> Interval:
-    r"""Return the coverage interval of a preload with so much more scatter of its feature.
+def excess_variance_of(scatter: Real, budgeted: Real) -> Real:
+    """Return by how much the scatter between sessions has a larger variance than was budgeted; negative if less [s⁴].
 
-    In :math:`\theta = \mathrm{preload}^{-1/3} = g/k_3`, where the feature g acts linearly, each half grows from h to
-    :math:`\sqrt{h^2 + (z\,s/k_3)^2}` with z the normal quantile of the level: a part of type A, known from many
-    sessions, joins the budget (GUM, 5.1.2). Preloads are in newtons, feature and scatter s in s².
+    Both are standard deviations of the preload feature [s²].
     """
-    if unexplained <= 0.0:
+    excess: Real = scatter**2 - budgeted**2
+    return excess
+
+
+def widened(interval: Interval, preload: float, feature: float, excess: float) -> Interval:
+    r"""Return the coverage interval of a preload whose feature has so much more variance, or less.
+
+    In :math:`\theta = \mathrm{preload}^{-1/3} = g/k_3`, where the feature g acts linearly, each half h becomes
+    :math:`\sqrt{h^2 + z^2\,e/k_3^2}` with z the normal quantile of the level and e the excess [s⁴]: a part of type A,
+    known from many sessions, joins the budget or takes the place of what was declared (GUM, 5.1.2). Preloads are in
+    newtons, the feature in s².
+    """
+    if excess == 0.0:
         return interval
-    lower, upper = widened_ends((interval.lower, interval.upper), preload, feature, unexplained, interval.level)
+    lower, upper = widened_ends((interval.lower, interval.upper), preload, feature, excess, interval.level)
     return Interval(float(lower), float(upper), interval.kind, interval.level)
 
 
 def widened_ends(
-    ends: tuple[Real, Real], preload: Real, feature: Real, unexplained: Real, level: float = 0.95
+    ends: tuple[Real, Real], preload: Real, feature: Real, excess: Real, level: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
     """Return both ends of one interval or of many as :func:`widened` has them; an open end is infinite [N]."""
     with np.errstate(divide="ignore"):  # an end at zero
         theta, most, least = np.cbrt(1.0 / preload), *(np.cbrt(np.divide(1.0, end)) for end in ends)
-        reach = scipy.special.ndtri(0.5 * (1.0 + level)) * unexplained * theta / feature
-        high, low = theta + np.hypot(most - theta, reach), theta - np.hypot(theta - least, reach)
+        squared = scipy.special.ndtri(0.5 * (1.0 + level)) ** 2 * excess * (theta / feature) ** 2
+        high = theta + np.sqrt(np.maximum((most - theta) ** 2 + squared, 0.0))
+        low = theta - np.sqrt(np.maximum((theta - least) ** 2 + squared, 0.0))
         return np.asarray(high**-3.0), np.where((low <= 0.0) | (least == 0.0), np.inf, np.abs(low) ** -3.0)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -66,6 +66,7 @@ class PreloadEstimate:
     feature: Estimate  # preload feature at the reference conditions, all known uncertainties included [s²]
     feature_own_uncertainty: float  # of it, what the stated uncertainty of this frequency makes [s²]
     feature_systematic_uncertainty: float  # of it, what all measurements share [s²]
+    feature_scatter: float  # of it, what the sessions of an axis show by their scatter [s²]
     shares: VarianceShares
     if_stated: tuple[IfStated, ...]  # what would narrow the interval
     outside: tuple[str, ...]  # position, preload, payload, temperature: those outside the calibrated range
@@ -77,14 +78,6 @@ class PreloadEstimate:
         """Add doubts; of one reason the first is kept."""
         by_reason = {doubt.reason: doubt for doubt in (*reversed(doubts), *reversed(self.doubts))}
         return replace(self, doubts=tuple(reversed(by_reason.values())))
-
-    @property
-    def feature_scatter(self) -> float:
-        """Standard uncertainty of the feature by what is new in each session [s²]."""
-        shares = self.shares
-        old = shares.calibration + shares.payload
-        new = sum(getattr(shares, each.name) for each in fields(shares)) - old
-        return self.feature.standard_uncertainty * math.sqrt(max(new, 0.0))
 
     @property
     def extrapolated(self) -> bool:
@@ -174,6 +167,7 @@ def estimate_preload(
         feature=stated_feature,
         feature_own_uncertainty=math.sqrt(budget.frequency),
         feature_systematic_uncertainty=math.sqrt(systematic),
+        feature_scatter=math.sqrt(budget.shown),
         shares=budget.shares,
         if_stated=tuple(
             IfStated(names, _fieller_interval(feature, calibration, budget.with_stated(names)))

@@ -17,8 +17,8 @@ from monitor_core.preload import (
     DragTorque,
     Friction,
     PreloadEstimate,
+    excess_variance_of,
     preload_from_feature,
-    unexplained_scatter,
     widened,
     widened_ends,
 )
@@ -196,11 +196,11 @@ def friction_document(friction: Friction | Rejection) -> JsonObject:
     }
 
 
-def unexplained_of(point: "TrendPoint | ShownPoint") -> float:
-    """Return the scatter that an axis has shown from session to session beyond what its calibration states [s²]."""
+def excess_variance(point: "TrendPoint | ShownPoint") -> float:
+    """Return by how much an axis scatters more from session to session than its budget states, or less [s⁴]."""
     if point.learnt_scatter_s2 is None or point.feature_scatter_s2 is None:
         return 0.0
-    return float(unexplained_scatter(point.learnt_scatter_s2, point.feature_scatter_s2))
+    return float(excess_variance_of(point.learnt_scatter_s2, point.feature_scatter_s2))
 
 
 def interval_of(point: "TrendPoint | ShownPoint") -> Ends:
@@ -214,22 +214,22 @@ def with_what_was_learnt(ends: Ends, point: "TrendPoint | ShownPoint") -> Ends:
     if point.preload_n is None or point.feature_s2 is None or lower is None:
         return ends
     judged = Interval(lower, math.inf if upper is None else upper, IntervalKind.COVERAGE)
-    return ends_in_newtons(widened(judged, point.preload_n, point.feature_s2, unexplained_of(point)))
+    return ends_in_newtons(widened(judged, point.preload_n, point.feature_s2, excess_variance(point)))
 
 
 def ends_of(told: "ToldColumns") -> tuple[Sequence[float | None], Sequence[float | None]]:
     """Return the ends of all intervals, each as :func:`interval_of` has them."""
-    unexplained = unexplained_scatter(numbers_of(told.learnt_scatter_s2), numbers_of(told.feature_scatter_s2))
+    excess = excess_variance_of(numbers_of(told.learnt_scatter_s2), numbers_of(told.feature_scatter_s2))
     lower, preload, feature = (
         numbers_of(column) for column in (told.interval_lower_n, told.preload_n, told.feature_s2)
     )
-    wider = np.flatnonzero((unexplained > 0.0) & ~np.isnan(lower + preload + feature))
+    wider = np.flatnonzero(~np.isnan(excess + lower + preload + feature))
     if not wider.size:
         return told.interval_lower_n, told.interval_upper_n
     upper = numbers_of(told.interval_upper_n)
     closed = np.where(np.isnan(upper), np.inf, upper)
     lower[wider], upper[wider] = widened_ends(
-        (lower[wider], closed[wider]), preload[wider], feature[wider], unexplained[wider]
+        (lower[wider], closed[wider]), preload[wider], feature[wider], excess[wider]
     )
     return numbers(lower), numbers(upper)
 

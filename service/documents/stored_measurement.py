@@ -18,9 +18,9 @@ from monitor_core.recordings.elements.units import metres
 from service.documents.measurement import (
     Ends,
     charted,
+    excess_variance,
     if_stated_in_words,
     interval_of,
-    unexplained_of,
     with_what_was_learnt,
 )
 from service.json_types import JsonObject
@@ -149,10 +149,9 @@ def _added(measured: StoredMeasurement, point: "TrendPoint") -> dict[str, object
         of_session = Doubt(reason=str(DoubtReason.PLACES_DISAGREE), detail=point.places_disagree)
         added["doubts"] = (*measured.doubts, of_session)
     own, shares = measured.preload_feature_standard_uncertainty_s2, measured.variance_shares
-    unexplained = unexplained_of(point)
-    if unexplained != 0.0 and own is not None and shares:
-        total = own**2 + unexplained**2
-        kept = {name: share * own**2 / total for name, share in shares.items()}
+    excess = excess_variance(point)
+    if excess != 0.0 and own is not None and shares and own**2 + excess > 0.0:
+        total = own**2 + excess
         added |= {
             "interval_95_n": interval_of(point),
             "if_stated": tuple(
@@ -160,6 +159,21 @@ def _added(measured: StoredMeasurement, point: "TrendPoint") -> dict[str, object
                 for better in measured.if_stated
             ),
             "preload_feature_standard_uncertainty_s2": math.sqrt(total),
-            "variance_shares": kept | {"between_session": kept.get("between_session", 0.0) + unexplained**2 / total},
+            "variance_shares": _shares_with(shares, excess / own**2),
         }
     return added
+
+
+#: Shares of what the sessions of an axis show by their scatter.
+_SHOWN = ("between_session", "temperature", "friction", "lubrication", "position")
+
+
+def _shares_with(shares: dict[str, float], excess: float) -> dict[str, float]:
+    """Return shares of a variance that is larger or smaller by so much of itself, as sessions have shown."""
+    shown = sum(shares.get(name, 0.0) for name in _SHOWN)
+    if excess > 0.0:
+        changed = {"between_session": shares.get("between_session", 0.0) + excess}
+    else:
+        changed = {name: shares[name] * max(1.0 + excess / shown, 0.0) for name in _SHOWN if shares.get(name)}
+    new = shares | changed
+    return {name: share / sum(new.values()) for name, share in new.items()}

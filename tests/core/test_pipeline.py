@@ -18,6 +18,7 @@ from monitor_core.pipeline import (
     check_window,
     judge_measurement,
     measure_response,
+    scatter_with_history,
 )
 from monitor_core.preload import (
     Calibration,
@@ -154,6 +155,44 @@ def test_dead_zone_opens_only_where_the_baseline_has_not_been() -> None:
     # its scatter holds the errors of k1 and k2 already, so they are not counted again
     assert [doubt(x, all_over) for x in all_over] == [0.0] * 5
     assert doubt(1.2, all_over) > 0.0
+
+
+def test_history_takes_the_place_of_what_was_declared_but_not_where_a_temperature_has_jumped() -> None:
+    rng, start = np.random.default_rng(5), datetime(2025, 1, 1, tzinfo=UTC)
+    k_t = 1e-8
+    readings = [
+        ModalReading(float(axial_frequency(x, p, TRUTH)) + rng.normal(0.0, 0.01), Conditions(x, 0.0, 22.0, p), 0.01)
+        for x in (0.15, 0.32, 0.5, 0.67, 0.85)
+        for p in (50.0, 100.0, 170.0, 270.0, 400.0)
+    ]
+    calibration = calibrate(
+        readings, weighting="none", excitation_source=None, between_sessions=3e-4,
+        temperature_coefficient=Estimate(k_t, 1e-10),
+    )  # fmt: skip
+    state, winter = AxisState(), Conditions(0.5, 0.0, 14.0)
+    frequency = (float(axial_frequency(0.5, 300.0, TRUTH)) ** -2.0 - 8.0 * k_t) ** -0.5
+    estimate = estimate_preload(Estimate(frequency, 0.01), winter, calibration)
+    assert isinstance(estimate, PreloadEstimate)
+    declared = estimate.feature_scatter
+    assert scatter_with_history(state, start, winter, declared, calibration) is None
+    for day in range(60):
+        scattered = Estimate(frequency + rng.normal(0.0, 0.02), 0.01)
+        of_day = estimate_preload(scattered, winter, calibration)
+        assert isinstance(of_day, PreloadEstimate)
+        at = start + timedelta(days=day)
+        state = advance_estimate(state, of_day, winter, at, calibration=calibration, design=charts())
+    later = start + timedelta(days=60)
+    # eight kelvin below the calibration's for two months: the structure has followed
+    steady = scatter_with_history(state, later, winter, declared, calibration)
+    hot = Conditions(0.5, 0.0, 30.0)  # as far from the calibration's, and sixteen kelvin from the day before
+    jumped = scatter_with_history(state, later, hot, declared, calibration)
+    after_a_stop = scatter_with_history(state, later + timedelta(days=30), winter, declared, calibration)
+    assert steady is not None
+    assert jumped is not None
+    assert after_a_stop is not None
+    assert steady < 0.75 * declared
+    assert after_a_stop > 1.2 * steady
+    assert jumped > 1.2 * steady
 
 
 def ringing(modes: list[tuple[float, float]], template: tuple[Window, ...]) -> list[Window]:

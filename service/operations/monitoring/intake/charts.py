@@ -13,7 +13,7 @@ from enum import StrEnum
 
 from sqlalchemy import Connection
 
-from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
+from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature, scatter_with_history
 from monitor_core.preload import Calibration, PlaceReading, preload_from_feature
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
@@ -308,7 +308,9 @@ class _Fold:
             self._state = _advanced(before, point, calibration, self._design)
             self._session_of[point.measurement_id] = self._state.places_since
             self._places |= _said_of(self._state)
-        detector, learnt = self._state.detector, before.detector.baseline
+        detector, learnt = self._state.detector, None
+        if calibration is not None and point.feature_scatter_s2 is not None:
+            learnt = scatter_with_history(before, point.at, _conditions(point), point.feature_scatter_s2, calibration)
         baseline = None
         if detector.baseline is not None and calibration is not None:
             baseline = preload_from_feature(detector.baseline.mean, calibration.coefficients)
@@ -318,7 +320,7 @@ class _Fold:
             state=str(detector.status),
             baseline_preload_n=baseline,
             # what was learnt before: a measurement does not judge itself
-            learnt_scatter_s2=None if learnt is None or point.feature_s2 is None else learnt.scatter,
+            learnt_scatter_s2=learnt,
         )
         if detector.alarm is not None and before.detector.alarm is None and calibration is not None:
             self._raised.append(Raised(point, self._state, calibration))
@@ -377,12 +379,16 @@ def _advanced(state: AxisState, point: TrendPoint, calibration: Calibration, des
     charted = ChartedFeature(
         point.at,
         Estimate(point.feature_s2, point.feature_uncertainty_s2),
-        Conditions(metres(point.position_mm), point.payload_kg, point.temperature_c),
+        _conditions(point),
         point.friction_torque_nm,
         in_doubt=point.doubt is not None,
         place=_place_of(point),
     )
     return advance_feature(state, charted, calibration=calibration, design=design)
+
+
+def _conditions(point: TrendPoint) -> Conditions:
+    return Conditions(metres(point.position_mm), point.payload_kg, point.temperature_c)
 
 
 def _said_of(state: AxisState) -> dict[datetime, str | None]:
