@@ -1,10 +1,25 @@
-"""Compare what windows state twice: each pair is a row with what is stated, what is seen, and what follows."""
+r"""Compare what windows state twice: each pair is a row with what is stated, what is seen, and what follows.
+
+**Trace and acceleration.** The acceleration a is the second derivative of the position x. With a smooth \(\varphi\)
+that vanishes with its slope at both ends of a window, integration by parts leaves no boundary terms,
+
+.. math:: \int \varphi\,a\,dt = \int \ddot\varphi\,x\,dt, \qquad
+    \varphi = \tfrac14\,(1 - \cos 2\pi t/T)^2\, e^{-j\omega t}
+
+(the weak form: Messenger & Bortz, Multiscale Model. Simul. 19 (2021) 1474), so that nothing drifts as an acceleration
+does that is integrated twice. Over some frequencies well below the mode, where the table follows the screw, one
+regression gives sign, scale and lag of the trace.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
-from monitor_core.recording import Doubt, DoubtReason, Window
+import numpy as np
+
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
+from monitor_core.recording import Doubt, DoubtReason, ExcitationQuantity, Rejection, RejectionReason, Window
 
 #: What two numbers in different units differ by, and the unit that one of them is in instead.
 _UNITS = (
@@ -37,6 +52,59 @@ def looks_like_unit(ratio: float, uncertainty: float = 0.0) -> str | None:
     return f"a factor of {unit}" if off < _SAME + 2.0 * uncertainty else None
 
 
+#: A step by more than this share of all that is covered is no motion of one sample …
+_JUMP = 0.6
+#: … where steps are usually below this share of it, and none but the jumps is larger than that: noise has steps of
+#: every size.
+_USUAL_STEP, _LARGEST_STEP = 0.1, 0.3
+#: So many steps on either side of a jump show which way it went: straight, and as fast before as behind.
+_N_AROUND, _STRAIGHT, _AS_FAST = 16, 0.75, 0.25
+
+
+@np.errstate(invalid="ignore")
+def wraps_in(steps: FloatArray, covered: float) -> BoolArray:
+    """Tell which steps are jumps of nearly all that is covered, against the motion before and behind them."""
+    size = np.abs(steps)
+    jumps: BoolArray = size > _JUMP * covered
+    if not covered > 0.0 or not jumps.any() or not np.nanmedian(size) < _USUAL_STEP * covered:
+        return np.zeros_like(jumps)
+    slow = np.where(jumps | ~np.isfinite(steps), 0.0, steps)
+    if np.max(np.abs(slow)) > _LARGEST_STEP * covered:
+        return np.zeros_like(jumps)
+    along, way = (np.concatenate(([0.0], np.cumsum(of))) for of in (slow, np.abs(slow)))
+    at = np.flatnonzero(jumps)
+    first, last = np.maximum(at - _N_AROUND, 0), np.minimum(at + 1 + _N_AROUND, along.size - 1)
+    before, behind = along[at] - along[first], along[last] - along[at + 1]
+    is_straight = (np.abs(before) >= _STRAIGHT * (way[at] - way[first])) & (
+        np.abs(behind) >= _STRAIGHT * (way[last] - way[at + 1])
+    )
+    slower, faster = np.minimum(np.abs(before), np.abs(behind)), np.maximum(np.abs(before), np.abs(behind))
+    against = (before * steps[at] < 0.0) & (behind * steps[at] < 0.0) & is_straight & (slower > _AS_FAST * faster)
+    jumps[at[~against]] = False
+    return jumps
+
+
+def refuse_wraps(window: Window) -> Rejection | None:
+    """Refuse a position trace that begins anew within a window, as a count of one lead, a turn or 16 bits does."""
+    trace = window.position_trace
+    if trace is None or trace.size < 3:
+        return None
+    steps: FloatArray = np.diff(trace)
+    covered = float(trace.max() - trace.min())
+    if not max(float(steps.max()), -float(steps.min())) > _JUMP * covered:  # nearly always
+        return None
+    jumps = wraps_in(steps, covered)
+    if not jumps.any():
+        return None
+    first = int(np.argmax(jumps))
+    return Rejection(
+        RejectionReason.POSITION_WRAPS,
+        f"expected a position trace that does not begin anew; it jumps by {1e3 * steps[first]:.6g} mm behind sample "
+        f"{first}, against the way it goes, as a count that wraps: unwrap it before it is sent; of a raw file, "
+        "wraps_at in the map does",
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class StatedTwice:
     """A quantity that is stated in two ways, in one unit."""
@@ -48,17 +116,20 @@ class StatedTwice:
     tolerance: float  # a larger difference is a contradiction
     unit: str
     consequence: str  # what is done where they contradict
+    of_trace: bool = True  # whether a position trace that contradicts is not believed
 
     @property
     def contradiction(self) -> Doubt | None:
         """The doubt in one sentence; ``None`` where the two agree."""
         if abs(self.stated - self.seen) <= self.tolerance:
             return None
-        unit = looks_like_unit(self.stated / self.seen) if self.seen else None
+        looks_like = looks_like_unit(self.stated / self.seen) if self.unit and self.seen else None
+        unit = f" {self.unit}" if self.unit else ""
+        within = f" to within {self.tolerance:.2g}{unit}" if self.tolerance else ""
         return Doubt(
             self.doubt,
-            f"expected {self.quantity}, {self.seen:.4g} {self.unit} to within {self.tolerance:.2g} {self.unit}; got "
-            f"{self.stated:.4g} {self.unit}{'' if unit is None else f', which looks like {unit}'}: {self.consequence}",
+            f"expected {self.quantity}, {self.seen:.4g}{unit}{within}; got {self.stated:.4g}{unit}"
+            f"{'' if looks_like is None else f', which looks like {looks_like}'}: {self.consequence}",
         )
 
 
@@ -72,22 +143,33 @@ class CrossChecked:
 
 #: A position tag is rounded, and read off another scale than the trace [m]. It may mean any place of the travel.
 _TAG_TOLERANCE = 0.003
+#: Longer than any lead [m]: a trace that stays below counts within a turn, for no nut comes so near a bearing.
+_ONE_TURN = 0.040
+_LONGEST_AXIS = 50.0  # [m]
 
 
-def cross_checked(windows: Sequence[Window]) -> CrossChecked:
+def cross_checked(windows: Sequence[Window], below: float) -> CrossChecked:
     """Compare what the windows of one measurement state twice; where they contradict themselves, say what is believed.
 
-    A position trace is measured where a tag is typed: the mean of the trace is the position of a window whose tag lies
-    off the travel.
+    A trace that the acceleration contradicts, below a frequency from which on the mode bends the axis [Hz], is left
+    out: the position is the tag then, and there is no friction torque. Of one that it bears out, the mean is the
+    position of a window whose tag lies off the travel: it is measured where a tag is typed.
     """
-    rows = [_position(window) for window in windows]
-    contradictions = [None if row is None else row.contradiction for row in rows]
+    rows = [_duration(windows), *_motion(windows, below)]
+    if any(row.contradiction for row in rows if row is not None and row.of_trace):
+        windows = [replace(window, position_trace=None) for window in windows]
+    places = [_position(window) for window in windows]
     believed = tuple(
-        window if row is None or found is None else _at(window, 1e-3 * row.seen)
-        for window, row, found in zip(windows, rows, contradictions, strict=True)
+        replace(window, conditions=replace(window.conditions, position=1e-3 * row.seen))
+        if row is not None and row.contradiction and _ONE_TURN < 1e-3 * row.seen < _LONGEST_AXIS
+        else window
+        for window, row in zip(windows, places, strict=True)
     )
-    first = next((found for found in contradictions if found is not None), None)
-    return CrossChecked(believed, () if first is None else (first,))
+    doubts: dict[DoubtReason, Doubt] = {}
+    for row in (*rows, *places):
+        if row is not None and (found := row.contradiction) is not None:
+            doubts.setdefault(found.reason, found)
+    return CrossChecked(believed, tuple(doubts.values()))
 
 
 def _position(window: Window) -> StatedTwice | None:
@@ -98,16 +180,157 @@ def _position(window: Window) -> StatedTwice | None:
     low, high = float(trace.min()), float(trace.max())
     if low <= 0.0 <= high or low - _TAG_TOLERANCE <= tag <= high + _TAG_TOLERANCE:
         return None
+    mean = float(trace.mean())
+    is_place = _ONE_TURN < mean < _LONGEST_AXIS
     return StatedTwice(
         DoubtReason.POSITION_CONTRADICTS_TRACE,
         "the position tag where the position trace runs",
         1e3 * tag,
-        1e3 * float(trace.mean()),
+        1e3 * mean,
         1e3 * (0.5 * (high - low) + _TAG_TOLERANCE),
         "mm",
-        "the trace is taken for the position",
+        "the trace is taken for the position"
+        if is_place
+        else "no nut is there, the trace may count within one turn of the screw: the tag is taken for the position",
     )
 
 
-def _at(window: Window, position: float) -> Window:
-    return replace(window, conditions=replace(window.conditions, position=position))
+#: Starts are stated to a second by some, and windows that follow each other are late by as much as a clock is set [s].
+_CLOCK, _CLOCK_SHARE = 1.0, 0.05
+
+
+def _duration(windows: Sequence[Window]) -> StatedTwice | None:
+    """Compare what windows last by their sampling rate with the times between their starts."""
+    ordered = sorted(windows, key=lambda window: window.started_at)
+    lasting = sum(window.n_samples / window.sample_rate for window in ordered[:-1])
+    between = (ordered[-1].started_at - ordered[0].started_at).total_seconds()
+    tolerance = _CLOCK + _CLOCK_SHARE * between
+    if lasting <= between + tolerance or any(map(_go_on, ordered, ordered[1:])):
+        return None
+    return StatedTwice(
+        DoubtReason.RATE_CONTRADICTS_TIMES,
+        "windows that last by their sampling rate no longer than from the first start to the last",
+        lasting,
+        between,
+        tolerance,
+        "s",
+        "the sampling rate is taken as stated, and every frequency with it",
+        of_trace=False,
+    )
+
+
+def _go_on(window: Window, after: Window) -> bool:
+    """Tell whether a window repeats the samples of the one before from its start on, as overlapping windows do."""
+    start = round((after.started_at - window.started_at).total_seconds() * window.sample_rate)
+    overlap = window.response[start : start + 16]
+    return bool(overlap.size and np.array_equal(overlap, after.response[: overlap.size]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TestFunctions:
+    """Functions that windows are multiplied by, of one length and sampling rate."""
+
+    omega: FloatArray  # shape (n,) [rad/s]
+    plain: ComplexArray  # shape (n_samples, n) [s]
+    second_derivative: ComplexArray  # shape (n_samples, n) [1/s]
+    lags: FloatArray  # that are tried [s]
+    turns: ComplexArray  # shape (n, n_lags)
+
+
+#: Lowest frequency: accelerometers know no lower ones, and a window must hold some periods of it [Hz].
+_LOWEST, _FEWEST_PERIODS, _N_LINES = 8.0, 4.0, 8
+#: Of the frequency from which on the mode is looked for: there the table moves by a twentieth more than the screw.
+_BELOW_MODE = 0.2
+
+
+@lru_cache(maxsize=16)
+def _test_functions(n_samples: int, sample_rate: float, below: float) -> _TestFunctions | None:
+    duration = n_samples / sample_rate
+    low, high = max(_LOWEST, _FEWEST_PERIODS / duration), _BELOW_MODE * below
+    if high < 1.5 * low:
+        return None
+    omega = 2.0 * np.pi * np.linspace(low, high, _N_LINES)
+    time = (np.arange(n_samples) + 0.5) / sample_rate
+    u = 2.0 * np.pi / duration
+    cos, sin = np.cos(u * time)[:, None], np.sin(u * time)[:, None]
+    taper, slope, curvature = 0.25 * (1 - cos) ** 2, 0.5 * u * (1 - cos) * sin, 0.5 * u**2 * (sin**2 + (1 - cos) * cos)
+    wave = np.exp(-1j * omega * time[:, None])
+    second = (curvature - 2j * omega * slope - omega**2 * taper) * wave
+    lags: FloatArray = 2.5e-4 * np.arange(-400.0, 601.0, dtype=np.float64)
+    return _TestFunctions(
+        omega, taper * wave / sample_rate, second / sample_rate, lags, np.exp(-1j * np.outer(omega, lags))
+    )
+
+
+#: Motion that the acceleration must show between the frequencies of the test functions before a trace is judged [m].
+_LEAST_MOTION = 2e-5
+#: A trace that goes with the acceleration less than this follows another motion, where the torque does as much.
+_FOLLOWS, _TORQUE_FOLLOWS = 0.9, 0.8
+#: Gains of accelerometers, and what bends between screw and table, leave so much of the scale open [-].
+_SCALE_TOLERANCE = 0.25
+#: An accelerometer leads by as much at low frequencies; with three standard uncertainties of the lag besides [s].
+_LAG_TOLERANCE = 0.0015
+
+
+def _motion(windows: Sequence[Window], below: float) -> list[StatedTwice]:
+    """Compare the motion of the position traces of one measurement with that of its acceleration."""
+    first = windows[0]
+    if first.excitation_quantity is not ExcitationQuantity.TORQUE or any(w.position_trace is None for w in windows):
+        return []
+    if len({(w.n_samples, w.sample_rate) for w in windows}) > 1:
+        return []
+    functions = _test_functions(first.n_samples, first.sample_rate, below)
+    if functions is None:
+        return []
+    traces = np.array([w.position_trace for w in windows])
+    moved = (traces - traces.mean(axis=1, keepdims=True)) @ functions.second_derivative
+    accelerated = np.array([w.response for w in windows]) @ functions.plain
+    driven = np.array([w.excitation for w in windows], dtype=np.float64)
+    along = float(np.sum((driven[:, 1:] - driven.mean(axis=1, keepdims=True)) * np.diff(traces, axis=1)))
+    torque, duration = driven @ functions.plain, first.n_samples / first.sample_rate
+    return _compared(moved, accelerated, torque, work=along, functions=functions, duration=duration)
+
+
+def _compared(
+    moved: ComplexArray,
+    accelerated: ComplexArray,
+    driven: ComplexArray,
+    *,
+    work: float,
+    functions: _TestFunctions,
+    duration: float,
+) -> list[StatedTwice]:
+    """Return the rows of sign, scale and lag, of motions and torques by test functions, shape (n_windows, n)."""
+    to_motion = math.sqrt(2.0 / len(moved)) / (0.375 * duration)  # 3/8: mean of the taper
+    of_trace, of_acceleration = (
+        to_motion * float(np.linalg.norm(each / functions.omega**2)) for each in (moved, accelerated)
+    )
+    if of_acceleration < _LEAST_MOTION:
+        return []
+    power = float(np.linalg.norm(moved)) * float(np.linalg.norm(accelerated))
+    evidence = ((moved.conj() * accelerated).sum(axis=0) @ functions.turns).real
+    best = int(np.argmax(np.abs(evidence)))
+    correlation = float(evidence[best]) / power if power > 0.0 else 0.0
+    by_torque = float(np.vdot(driven, accelerated).real)
+    by_torque /= float(np.linalg.norm(driven)) * float(np.linalg.norm(accelerated)) or 1.0
+    if abs(correlation) < _FOLLOWS and abs(by_torque) < _TORQUE_FOLLOWS:
+        return []  # the acceleration is mostly noise here
+    row = _of_trace("the motion of the position trace as the acceleration integrated twice has it")
+    rows = [row(1e3 * of_trace, 1e3 * of_acceleration, 1e3 * _SCALE_TOLERANCE * of_acceleration, "mm")]
+    row = _of_trace("the position trace to go with the acceleration, correlation")
+    rows.append(row(abs(correlation), 1.0, 1.0 - _FOLLOWS, ""))
+    if abs(correlation) >= _FOLLOWS:
+        spread = math.sqrt((1.0 - min(correlation**2, 1.0)) / moved.size) / correlation**2
+        lag_uncertainty = spread / float(np.sqrt(np.mean(functions.omega**2)))
+        row = _of_trace("the position trace not to lag behind the acceleration")
+        rows.append(row(1e3 * float(functions.lags[best]), 0.0, 1e3 * (_LAG_TOLERANCE + 3.0 * lag_uncertainty), "ms"))
+        row = _of_trace("the sign of the position trace to be that of the motion by torque and acceleration")
+        rows.append(row(-1.0 if correlation < 0.0 and work < 0.0 else 1.0, 1.0, 0.0, ""))
+    return rows
+
+
+def _of_trace(quantity: str) -> Callable[[float, float, float, str], StatedTwice]:
+    consequence = "the trace is left out, the tag is taken for the position, and friction is not known"
+    return lambda stated, seen, tolerance, unit: StatedTwice(
+        DoubtReason.TRACE_CONTRADICTS_MOTION, quantity, stated, seen, tolerance, unit, consequence
+    )

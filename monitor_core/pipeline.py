@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 
-from monitor_core.cross_checks import cross_checked
+from monitor_core.cross_checks import cross_checked, refuse_wraps
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, calibrate_phase, measure_mode
 from monitor_core.preload import (
@@ -115,8 +115,8 @@ def measure_response(windows: Sequence[Window], settings: AxisSettings) -> Modal
     The windows, at least one, are those of one measurement at one position that :func:`check_window` accepts. The band
     of the settings says where the mode is looked for, which the measurement is gated by.
     """
-    checked = cross_checked(windows)
     band, lines = search_band(settings, None, windows[0]), whole_band(settings, windows[0])
+    checked = cross_checked(windows, band[0])
     return _warned(measure_mode(checked.windows, band=band, gate=settings.mode, lines=lines), checked.doubts)
 
 
@@ -140,7 +140,7 @@ def check_window(window: Window, settings: AxisSettings, calibration: Calibratio
     if calibration is not None and calibration.excitation_level is not None:
         least = EXCITATION_SHARE * calibration.excitation_level * math.sqrt(high - low)
         gate = replace(gate, minimum_band_excitation=least)
-    return gate_window(window, gate, band=band)
+    return refuse_wraps(window) or gate_window(window, gate, band=band)
 
 
 def _sampled_too_slowly(window: Window, band: tuple[float, float]) -> Rejection | None:
@@ -164,7 +164,7 @@ def judge_measurement(
     calibration or by one before it. Without a calibration the mode is measured and the preload refused as
     ``not-calibrated``; the outcome holds estimates, or the named reasons why there are none.
     """
-    checked = cross_checked(windows)
+    checked = cross_checked(windows, search_band(settings, calibration, windows[0])[0])
     windows = checked.windows
     band = search_band(settings, calibration, windows[0])
     modal = _sampled_too_slowly(windows[0], band) or measure_mode(

@@ -49,6 +49,7 @@ class RejectionReason(StrEnum):
     SLOW_LENGTH = "slow-length"
     SAMPLE_RATE_MISMATCH = "sample-rate-mismatch"
     LENGTH_MISMATCH = "length-mismatch"
+    POSITION_WRAPS = "position-wraps"
     POSITION_SPAN_TOO_WIDE = "position-span-too-wide"
     LITTLE_EXCITATION = "little-excitation"
     OUTLYING_WINDOW = "outlying-window"
@@ -84,6 +85,8 @@ class DoubtReason(StrEnum):
 
     # of what windows state twice
     POSITION_CONTRADICTS_TRACE = "position-contradicts-trace"
+    TRACE_CONTRADICTS_MOTION = "trace-contradicts-motion"
+    RATE_CONTRADICTS_TIMES = "rate-contradicts-times"
     # of a measurement against its calibration, or its session
     DAMPING_CHANGED = "damping-changed"
     MASS_OR_MOUNTING_CHANGED = "mass-or-mounting-changed"
@@ -188,6 +191,12 @@ class Window:
         """What tells which measurement it is of."""
         conditions = self.conditions
         return Placed(self.measurement, self.started_at, self.ended_at, conditions.position, conditions.preload)
+
+
+def span_of(trace: FloatArray) -> float:
+    """Return how far a position trace reaches, of its finite samples [m]; which others it has, the gate refuses."""
+    finite = trace[np.isfinite(trace)]
+    return float(np.ptp(finite)) if finite.size else 0.0
 
 
 @dataclass(frozen=True, slots=True)

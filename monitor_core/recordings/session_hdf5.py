@@ -27,6 +27,7 @@ from monitor_core.recording import (
     Session,
     Visit,
     Window,
+    span_of,
     told_apart,
 )
 from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausible_channels, require_plausible_expansion
@@ -308,7 +309,7 @@ def _window(fields: Fields, samples: Sequence[SampleArray], started_at: datetime
 def _position_span(fields: Fields, trace: SampleArray | None) -> float:
     if "position_span_mm" in fields or trace is None or trace.size == 0:
         return metres(fields.number("position_span_mm", "mm"))
-    return float(np.ptp(trace.astype(np.float64, copy=False)))
+    return span_of(trace.astype(np.float64, copy=False))
 
 
 def _columns(group: "h5py.h5g.GroupID", where: str) -> dict[str, Column]:

@@ -32,6 +32,7 @@ CALLED: Final[dict[str, dict[str, str]]] = {
         "dead-channel": N_("a channel is dead"), "stuck-channel": N_("a channel is stuck"),
         "too-short": N_("too short"), "slow-length": N_("a length that takes too long to compute"),
         "sample-rate-mismatch": N_("another sample rate"), "length-mismatch": N_("another length"),
+        "position-wraps": N_("a position that begins anew"),
         "position-span-too-wide": N_("the table moved too far"), "little-excitation": N_("too little excitation"),
         "outlying-window": N_("unlike the other windows"), "position-mismatch": N_("another position"),
         "clock-ahead": N_("a clock that is ahead"), "too-late": N_("arrived too late"),

@@ -7,20 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, FloatArray, SampleArray
+from monitor_core.arrays import FloatArray, SampleArray
+from monitor_core.cross_checks import wraps_in
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channel_time import Run
 from monitor_core.recordings.raw.mapping.map_records import MappedChannel
 
 #: Where counts wrap: converters and encoders of so many bits, a turn in degrees, gon or radians.
 _USUAL = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 18, 20, 24, 32)), 360.0, 400.0, 2.0 * np.pi)
-#: A step by more than this share of all that is covered is no motion of one sample …
-_JUMP = 0.6
-#: … where steps are usually below this share of it, and none but the jumps is larger than that: noise has steps of
-#: every size.
-_USUAL_STEP, _LARGEST_STEP = 0.1, 0.3
-#: So many steps on either side of a jump show which way it went: straight, and as fast before as behind.
-_N_AROUND, _STRAIGHT, _AS_FAST = 16, 0.75, 0.25
 _TOLERANCE = 0.02  # of a usual count: the sample before the wrap stands below it
 
 
@@ -55,7 +49,7 @@ def unwrapped(samples: SampleArray, source: MappedChannel, where: str, runs: Seq
     if finite.size < samples.size // 2 + 1:
         return samples
     steps: FloatArray = np.diff(samples.astype(np.float64))
-    wraps = _wraps(steps, float(np.ptp(finite)))
+    wraps = wraps_in(steps, float(np.ptp(finite)))
     if wraps.any():
         first = int(np.argmax(wraps))
         size = float(np.nanmax(np.abs(steps)))
@@ -66,26 +60,3 @@ def unwrapped(samples: SampleArray, source: MappedChannel, where: str, runs: Seq
             f"against the way they go, as a count that wraps: wraps_at = {count} in the map unwraps them"
         )
     return samples
-
-
-@np.errstate(invalid="ignore")
-def _wraps(steps: FloatArray, covered: float) -> BoolArray:
-    """Tell which steps are jumps of nearly all that is covered, against the motion before and behind them."""
-    size = np.abs(steps)
-    jumps: BoolArray = size > _JUMP * covered
-    if not covered > 0.0 or not jumps.any() or not np.nanmedian(size) < _USUAL_STEP * covered:
-        return np.zeros_like(jumps)
-    slow = np.where(jumps | ~np.isfinite(steps), 0.0, steps)
-    if np.max(np.abs(slow)) > _LARGEST_STEP * covered:
-        return np.zeros_like(jumps)
-    along, way = (np.concatenate(([0.0], np.cumsum(of))) for of in (slow, np.abs(slow)))
-    at = np.flatnonzero(jumps)
-    first, last = np.maximum(at - _N_AROUND, 0), np.minimum(at + 1 + _N_AROUND, along.size - 1)
-    before, behind = along[at] - along[first], along[last] - along[at + 1]
-    is_straight = (np.abs(before) >= _STRAIGHT * (way[at] - way[first])) & (
-        np.abs(behind) >= _STRAIGHT * (way[last] - way[at + 1])
-    )
-    slower, faster = np.minimum(np.abs(before), np.abs(behind)), np.maximum(np.abs(before), np.abs(behind))
-    against = (before * steps[at] < 0.0) & (behind * steps[at] < 0.0) & is_straight & (slower > _AS_FAST * faster)
-    jumps[at[~against]] = False
-    return jumps

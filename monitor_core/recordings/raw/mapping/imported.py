@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import SESSION_GAP, Conditions, Direction, MotionRecord, Session, Window
+from monitor_core.recording import SESSION_GAP, Conditions, Direction, MotionRecord, Session, Window, span_of
 from monitor_core.recordings import motion_csv
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw.channels import Channels
@@ -234,7 +234,8 @@ def _window(
     position, span, trace = facts.position, facts.position_span, None
     if signals.position is not None:
         trace = piece[2].astype(np.float64)
-        position, span = float(np.mean(trace)), float(np.ptp(trace))
+        finite = trace[np.isfinite(trace)]  # the gate refuses a window with others
+        position, span = float(np.mean(finite)) if finite.size else 0.0, span_of(trace)
     require_place(position or 0.0, path.name)
     return Window(
         excitation=piece[0],
