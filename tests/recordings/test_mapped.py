@@ -80,6 +80,10 @@ def test_a_measured_position_gives_position_span_and_trace(tmp_path):
     assert window.conditions.position == pytest.approx(0.2505, rel=1e-15)
     assert window.position_span == pytest.approx(0.001, rel=1e-12)
     np.testing.assert_allclose(window.position_trace[:3], [0.25, 0.2505, 0.251], rtol=1e-15)
+    # one that is no number is for the gate of its window, and refuses no file
+    (window,) = read(tmp_path, WITH_POSITION, x=np.array([250.0, np.nan, 251.0, 250.0, 250.5, 251.0])).windows
+    assert window.conditions.position == pytest.approx(0.2505, rel=1e-15)
+    assert window.position_span == pytest.approx(0.001, rel=1e-12)
 
 
 def test_sampling_times_in_a_channel_give_the_rate(tmp_path):

@@ -16,25 +16,17 @@ PLACES = (300.0, 500.0, 700.0)
 
 
 def session(day: int, *, tags: tuple[float, ...] = PLACES, first: int = 0) -> list[list[Window]]:
-    """Return the measurements of a day, made at :data:`PLACES` and tagged as given, with an encoder that agrees."""
+    """Return the measurements of a day, made at :data:`PLACES` and tagged as given."""
     rng = np.random.default_rng([3, day])
     made = [
         simulated_measurement(rng, f"d{day}-{i}", position_mm=place, started_at=START + day * DAY + timedelta(hours=i))
         for i, place in enumerate(PLACES)
     ]
     tagged = [
-        [_displaced(window, (tag - place) * 1e-3) for window in windows]
-        for tag, place, windows in zip(tags, PLACES, made, strict=True)
+        [replace(w, conditions=replace(w.conditions, position=tag * 1e-3)) for w in windows]
+        for tag, windows in zip(tags, made, strict=True)
     ]
     return tagged[first:]
-
-
-def _displaced(window: Window, by: float) -> Window:
-    """Let a window say of itself that it is elsewhere [m]."""
-    trace = None if window.position_trace is None else window.position_trace + by
-    return replace(
-        window, conditions=replace(window.conditions, position=window.conditions.position + by), position_trace=trace
-    )
 
 
 def said(api: Api, axis: str) -> dict[str, tuple[str | None, list[dict[str, Any]]]]:
