@@ -198,9 +198,17 @@ def friction_document(friction: Friction | Rejection) -> JsonObject:
 
 def excess_variance(point: "TrendPoint | ShownPoint") -> float:
     """Return by how much an axis scatters more from session to session than its budget states, or less [s⁴]."""
-    if point.learnt_scatter_s2 is None or point.feature_scatter_s2 is None:
-        return 0.0
-    return float(excess_variance_of(point.learnt_scatter_s2, point.feature_scatter_s2))
+    of_point = ((point.learnt_scatter_s2,), (point.shown_scatter_s2,), (point.feature_scatter_s2,))
+    return float(np.nan_to_num(_excess_variances(*of_point)[0]))
+
+
+def _excess_variances(
+    learnt: Sequence[float | None], shown: Sequence[float | None], of_older: Sequence[float | None]
+) -> FloatArray:
+    """Return excess variances; NaN where nothing was learnt. What an older program judged is never narrowed."""
+    scatter, budgeted = numbers_of(learnt), numbers_of(shown)
+    older = np.maximum(excess_variance_of(scatter, numbers_of(of_older)), 0.0)
+    return np.where(np.isnan(budgeted), older, excess_variance_of(scatter, budgeted))
 
 
 def interval_of(point: "TrendPoint | ShownPoint") -> Ends:
@@ -219,11 +227,11 @@ def with_what_was_learnt(ends: Ends, point: "TrendPoint | ShownPoint") -> Ends:
 
 def ends_of(told: "ToldColumns") -> tuple[Sequence[float | None], Sequence[float | None]]:
     """Return the ends of all intervals, each as :func:`interval_of` has them."""
-    excess = excess_variance_of(numbers_of(told.learnt_scatter_s2), numbers_of(told.feature_scatter_s2))
+    excess = _excess_variances(told.learnt_scatter_s2, told.shown_scatter_s2, told.feature_scatter_s2)
     lower, preload, feature = (
         numbers_of(column) for column in (told.interval_lower_n, told.preload_n, told.feature_s2)
     )
-    wider = np.flatnonzero(~np.isnan(excess + lower + preload + feature))
+    wider = np.flatnonzero((excess != 0.0) & ~np.isnan(excess + lower + preload + feature))
     if not wider.size:
         return told.interval_lower_n, told.interval_upper_n
     upper = numbers_of(told.interval_upper_n)

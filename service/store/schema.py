@@ -56,6 +56,11 @@ def _keep_friction(connection: Connection) -> None:
     connection.execute(text("ALTER TABLE sessions DROP COLUMN drag_torque_nm"))
 
 
+def _keep_shown_scatter(connection: Connection) -> None:
+    """Keep what sessions show of a budget; those judged before have none, and their intervals are only widened."""
+    connection.execute(text("ALTER TABLE trend_points ADD COLUMN shown_scatter_s2 FLOAT"))
+
+
 #: Oldest version that this program opens.
 BASELINE = "0017"
 #: What follows the baseline: the version that each step leads to, and what it changes, on SQLite and on PostgreSQL.
@@ -63,6 +68,7 @@ STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0018", lambda _: None),  # new documents of measurements are packed, which an older program would not read
     ("0019", _repeat_names),
     ("0020", _keep_friction),
+    ("0021", _keep_shown_scatter),
 )
 #: The version that this program writes.
 VERSION = STEPS[-1][0]

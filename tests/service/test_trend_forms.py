@@ -101,11 +101,11 @@ SCATTER = st.none() | st.floats(1e-9, 1e-7)
     )
 )  # fmt: skip
 def test_ends_of_many_are_those_of_each(drawn: list[tuple[float | None, ...]]) -> None:
-    empty = ShownPoint(0, 1, "m", 0.0, *[None] * 13, "normal", *[None] * 5)  # type: ignore[arg-type]
+    empty = ShownPoint(0, 1, "m", 0.0, *[None] * 13, "normal", *[None] * 6)  # type: ignore[arg-type]
     points = [
         empty._replace(
             preload_n=preload, interval_lower_n=lower, interval_upper_n=upper, feature_s2=feature,
-            learnt_scatter_s2=learnt, feature_scatter_s2=budgeted,
+            learnt_scatter_s2=learnt, shown_scatter_s2=budgeted,
         )
         for preload, lower, upper, feature, learnt, budgeted in drawn
     ]  # fmt: skip

@@ -51,10 +51,11 @@ class TrendPoint:
     state: str  # of the axis, after this measurement
     baseline_preload_n: float | None
     doubt: str | None = None  # what speaks against its preload
-    feature_scatter_s2: float | None = None  # what its interval allows for, of what is new in each session
+    feature_scatter_s2: float | None = None  # of an older program: what its interval allows for, new in each session
     learnt_scatter_s2: float | None = None  # from session to session, as the axis had shown before
     place_uncertainty: float | None = None  # of its preload against other places of its session, relative
     friction_torque_nm: float | None = None  # None also of measurements that an older program judged
+    shown_scatter_s2: float | None = None  # what its interval allows for, of what the sessions of its axis show
     places_disagree: str | None = None  # how the places of its session contradict each other, in words
 
     @property

@@ -51,6 +51,7 @@ class ShownPoint(NamedTuple):
     doubt: str | None
     feature_scatter_s2: float | None
     learnt_scatter_s2: float | None
+    shown_scatter_s2: float | None
     places_disagree: str | None
 
     @property
@@ -85,6 +86,7 @@ class ToldColumns(NamedTuple):
     doubt: Sequence[str | None]
     feature_scatter_s2: Sequence[float | None]
     learnt_scatter_s2: Sequence[float | None]
+    shown_scatter_s2: Sequence[float | None]
     places_disagree: Sequence[str | None]
 
     @property

@@ -308,9 +308,11 @@ class _Fold:
             self._state = _advanced(before, point, calibration, self._design)
             self._session_of[point.measurement_id] = self._state.places_since
             self._places |= _said_of(self._state)
-        detector, learnt = self._state.detector, None
-        if calibration is not None and point.feature_scatter_s2 is not None:
-            learnt = scatter_with_history(before, point.at, _conditions(point), point.feature_scatter_s2, calibration)
+        detector, healthy, learnt = self._state.detector, before.detector.baseline, None
+        if calibration is not None and point.shown_scatter_s2 is not None:
+            learnt = scatter_with_history(before, point.at, _conditions(point), point.shown_scatter_s2, calibration)
+        elif healthy is not None and point.feature_s2 is not None:
+            learnt = healthy.scatter
         baseline = None
         if detector.baseline is not None and calibration is not None:
             baseline = preload_from_feature(detector.baseline.mean, calibration.coefficients)

@@ -181,7 +181,7 @@ def judged_point(
         state=str(TrendStatus.UNKNOWN),
         baseline_preload_n=None,
         doubt=None if estimate is None or not estimate.doubts else str(estimate.doubts[0].reason),
-        feature_scatter_s2=None if estimate is None else estimate.feature_scatter,
+        shown_scatter_s2=None if estimate is None else estimate.feature_scatter,
         place_uncertainty=_place_uncertainty(modal, estimate, calibration),
     )
 
