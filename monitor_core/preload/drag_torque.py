@@ -34,10 +34,13 @@ _SHORTEST_PATH = 1e-4
 _FEWEST_PAIRS = 3
 #: Share of the path that net travel must leave unexplained: in one direction alone friction and offset are one number.
 _BOTH_DIRECTIONS = 0.01
-#: A friction torque that differs from the drag torque by more than this factor, and by more than chance once in so many
-#: measurements, is not of the friction alone ...
+#: Channels that are sampled together are together to this part of a sample: work that so little would make ...
+_TOGETHER = 0.25
+#: ... must be less than this part of the friction torque ...
+_SMALL = 0.5
+#: ... which must not differ from a drag torque known to a tenth by more than this factor ...
 _AGREES = 2.0
-_CHANCE = 1e-3
+_WELL_KNOWN = 10.0
 #: ... and one of fewer standard uncertainties is none.
 _KNOWN = 4.0
 
@@ -64,7 +67,9 @@ def estimate_friction(windows: Sequence[Window]) -> Friction | Rejection:
     """Return the friction of the windows of one measurement, or why they tell none: motion, position, torque, noise."""
     velocities = velocities_of(windows)
     drag, torque = estimate_drag_torque(windows, velocities), friction_torque(windows, velocities)
-    if isinstance(drag, DragTorque) and (isinstance(torque, Rejection) or not _agree(torque, drag.drag)):
+    if isinstance(drag, DragTorque) and (
+        isinstance(torque, Rejection) or not _is_of_friction(torque, drag, windows, velocities)
+    ):
         torque = drag.drag
     if isinstance(torque, Rejection):
         return torque
@@ -77,11 +82,18 @@ def estimate_friction(windows: Sequence[Window]) -> Friction | Rejection:
     return Friction(torque, drag)
 
 
-def _agree(torque: Estimate, drag: Estimate) -> bool:
-    """Tell whether friction and drag torque agree, as far as the drag torque is known: from few travels it is not."""
-    chance = float(scipy.special.stdtrit(drag.degrees_of_freedom, 1.0 - _CHANCE / 2.0))
-    apart = abs(torque.value - drag.value) > chance * math.hypot(torque.standard_uncertainty, drag.standard_uncertainty)
-    return not apart or 1.0 / _AGREES < torque.value / drag.value < _AGREES
+def _is_of_friction(
+    torque: Estimate, drag: DragTorque | Rejection, windows: Sequence[Window], velocities: Sequence[FloatArray | None]
+) -> bool:
+    """Tell whether the work of all moves is that of the friction: not of a delay, as far as the drag torque tells."""
+    moved = [(window, velocity) for window, velocity in zip(windows, velocities, strict=True) if velocity is not None]
+    of_delay = abs(sum(float(window.excitation @ np.gradient(velocity)) for window, velocity in moved))
+    path = sum(float(np.abs(velocity).sum()) for _, velocity in moved)
+    if _TOGETHER * of_delay > _SMALL * abs(torque.value) * path:
+        return False
+    if isinstance(drag, Rejection) or abs(drag.drag.value) < _WELL_KNOWN * drag.drag.standard_uncertainty:
+        return True
+    return 1.0 / _AGREES < torque.value / drag.drag.value < _AGREES
 
 
 def estimate_drag_torque(

@@ -45,6 +45,9 @@ _FRICTION_STEPS = 12
 _FRICTION_SETTLED = 1e-6
 #: Beyond so many times the highest calibrated preload the usual friction is not carried on.
 _MOST_PRELOAD = 1.5
+#: Of the temperature coefficient, by how much one place differs from another: it is one for all (standard uncertainty,
+#: declared; by finite elements 4 % on two axes).
+_TEMPERATURE_BY_PLACE = 0.05
 #: A correction for friction leaves at least this share of the feature.
 _LEAST_FEATURE = 0.1
 
@@ -262,10 +265,13 @@ def place_reading(conditions: Conditions, estimate: PreloadEstimate, calibration
 
     What the places share (the day, payload, temperature, friction) does not make them differ: frequency, scatter and
     what the calibration does not know of this place against the middle of its travel count alone, enlarged for the few
-    readings that it knows them from. ln(preload) is three times as uncertain as the feature.
+    readings that it knows them from; of a temperature, what it does to one place and not to another. ln(preload) is
+    three times as uncertain as the feature.
     """
     shares, feature = estimate.shares, estimate.feature
     own = feature.standard_uncertainty * math.sqrt(max(shares.frequency + shares.reproducibility, 0.0))
+    _, warmer = calibration.excess(conditions)
+    own = math.hypot(own, _TEMPERATURE_BY_PLACE * calibration.influence.temperature * warmer)
     middle = replace(conditions, position=0.5 * (calibration.position.lower + calibration.position.upper))
     of_place = systematic_uncertainty_between(feature.value, conditions, [middle], calibration)
     few = float(scipy.special.stdtrit(feature.degrees_of_freedom, TEST_LEVEL) / scipy.special.ndtri(TEST_LEVEL))
