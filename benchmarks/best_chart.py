@@ -30,7 +30,8 @@ WATCHED = 200  # sessions after a change
 LEVEL, STEP, SCATTER = 100.0, 3.0, 0.8
 FEWEST_ALARMS, MOST_ALARMS = 0.7, 1.2  # a year
 OF_HEALTHY = ("independent", "AR(1) 0.3", "AR(1) 0.5", "AR(1) 0.7", "season ± 2",
-              "lubrication, 1 up", "lubrication, 2 up", "lubrication, 1 down", "shop")  # fmt: skip
+              "lubrication, 1 up", "lubrication, 2 up", "lubrication, 1 down", "shop",
+              "friction of guides, untold")  # fmt: skip
 OF_CHANGES = ("1 σ step", "2 σ step", "2 σ step in the shop")
 
 

@@ -75,18 +75,40 @@ def single(values: FloatArray) -> list[Day]:
     return [Day((float(value),)) for value in values]
 
 
-def repeated(rng: np.random.Generator, days: int, count: int, within: float) -> list[Day]:
+def repeated(rng: np.random.Generator, shared: FloatArray, count: int, within: float) -> list[Day]:
     """Several measurements of a day share it."""
-    shared = rng.standard_normal(days)
     return [Day(tuple((day + within * rng.standard_normal(count)).tolist())) for day in shared]
 
 
-def shop(rng: np.random.Generator, days: int) -> list[Day]:
-    """Draw what follows the day before, the season and the lubrication, with white noise; nothing of it is stated."""
-    return single(
+def hours_apart(count: int) -> float:
+    """Return how far the measurements of a day are apart: evenly over ten hours, or over the day."""
+    return min(24.0 / count, 2.5)
+
+
+def hourly(rng: np.random.Generator, days: int, count: int, rho: float = 0.95) -> list[Day]:
+    """Measure so often a day what remembers the hour before."""
+    values, last = np.empty((days, count)), 0.0
+    for i, noise in np.ndenumerate(rng.standard_normal((days, count))):
+        apart = hours_apart(count) if i[1] else 24.0 - (count - 1) * hours_apart(count)
+        kept = rho**apart if i != (0, 0) else 0.0
+        values[i] = last = kept * last + math.sqrt(1.0 - kept**2) * noise
+    return [Day(tuple(day.tolist())) for day in values]
+
+
+def shop(rng: np.random.Generator, days: int) -> FloatArray:
+    """Draw what follows the day before, the season and the lubrication, with white noise."""
+    return (
         0.6 * autoregression(rng, days, 0.5) + 0.8 * season(rng, days)
         + saw_tooth(rng, days) + 0.5 * rng.standard_normal(days)
     )  # fmt: skip
+
+
+def with_friction(rng: np.random.Generator, days: int, *, told: bool) -> list[Day]:
+    """Draw guides as in :mod:`tests.plant.shop`: 15 % from day to day, a quarter more until a lubrication."""
+    friction = 0.15 * autoregression(rng, days, 0.9) + 0.25 * saw_tooth(rng, days)
+    values = -4.0 * friction + 0.5 * autoregression(rng, days, 0.5) + 0.7 * rng.standard_normal(days)
+    torque = friction_torque(rng, 4.0 * friction)
+    return [Day((float(v),), None, float(t) if told else None) for v, t in zip(values, torque, strict=True)]
 
 
 def friction_torque(rng: np.random.Generator, friction: FloatArray, known_to: float = 0.02) -> FloatArray:
@@ -126,15 +148,24 @@ ROWS: dict[str, History] = {
     "lubrication, 1 up": lambda rng, days: single(rng.standard_normal(days) + saw_tooth(rng, days)),
     "lubrication, 2 up": lambda rng, days: single(rng.standard_normal(days) + 2.0 * saw_tooth(rng, days)),
     "lubrication, 1 down": lambda rng, days: single(rng.standard_normal(days) - saw_tooth(rng, days)),
-    "shop": shop,
+    "shop": lambda rng, days: single(shop(rng, days)),
     "shop, conditions stated": lambda rng, days: stated_shop(rng, days, 1.6, -2.0),
-    "5 a day": lambda rng, days: repeated(rng, days, 5, 1.0),
-    "24 a day": lambda rng, days: repeated(rng, days, 24, 1.0),
+    "5 a day": lambda rng, days: repeated(rng, rng.standard_normal(days), 5, 1.0),
+    "24 a day": lambda rng, days: repeated(rng, rng.standard_normal(days), 24, 1.0),
     "lubrication, 1 up, torque": lambda rng, days: lubricated(rng, days, 1.0),
     "lubrication, 2 up, torque": lambda rng, days: lubricated(rng, days, 2.0),
     "lubrication, 1 down, torque": lambda rng, days: lubricated(rng, days, -1.0),
     "same, torque to 5 %": lambda rng, days: lubricated(rng, days, -1.0, 0.05),
     "shop as above, stated": lambda rng, days: stated_shop(rng, days, 0.8, 1.0),
+    "independent, 5 a day": lambda rng, days: repeated(rng, np.zeros(days), 5, 1.0),
+    "independent, 24 a day": lambda rng, days: repeated(rng, np.zeros(days), 24, 1.0),
+    "shop, 5 a day": lambda rng, days: repeated(rng, shop(rng, days), 5, 0.5),
+    "shop, 24 a day": lambda rng, days: repeated(rng, shop(rng, days), 24, 0.5),
+    "hourly 0.95": lambda rng, days: hourly(rng, days, 1),
+    "hourly 0.95, 5 a day": lambda rng, days: hourly(rng, days, 5),
+    "hourly 0.95, 24 a day": lambda rng, days: hourly(rng, days, 24),
+    "friction of guides": lambda rng, days: with_friction(rng, days, told=True),
+    "friction of guides, untold": lambda rng, days: with_friction(rng, days, told=False),
 }
 #: Asks for the last table.
 OWN_RATE = "own rate"
@@ -149,24 +180,17 @@ CHANGES: dict[str, tuple[str, Callable[[FloatArray], FloatArray]]] = {
 }
 
 
-def design(name: str) -> DetectorSettings:
-    """Return the default settings for so many measurements a day."""
-    per_day = {"5 a day": 5, "24 a day": 24}.get(name, 1)
-    return DetectorSettings(measurements_per_year=per_day * 365.0, loss=LossDirection.RISE)
-
-
 @cache
-def limits(row: str) -> DetectorDesign:
-    """Solve the limits for a row."""
-    return design_detector(design(row))
+def limits() -> DetectorDesign:
+    """Solve the limits: the default ones, for the axis tells how often its sessions come."""
+    return design_detector(DetectorSettings(loss=LossDirection.RISE))
 
 
 def observations(days: list[Day]) -> list[Observation]:
-    """Return the measurements of the days with their times: evenly over ten hours, or over the day."""
+    """Return the measurements of the days with their times."""
     found = []
     for number, day in enumerate(days):
-        count = len(day.values)
-        apart = timedelta(hours=min(24.0 / count, 2.5))
+        apart = timedelta(hours=hours_apart(len(day.values)))
         for i, value in enumerate(day.values):
             at = START + timedelta(days=number) + i * apart
             found.append(Observation(at, value, temperature=day.temperature, friction_torque=day.friction_torque))
@@ -176,7 +200,7 @@ def observations(days: list[Day]) -> list[Observation]:
 def alarms_of(row: str, seed: int, axis: int, years: int = 1) -> list[tuple[int, float]]:
     """Return the false alarms of an axis in each year of its life, and for how much of the year it was watched."""
     rng = np.random.default_rng([2028, seed, list(ROWS).index(row), axis])
-    solved, start = limits(row), START + timedelta(days=20)
+    solved, start = limits(), START + timedelta(days=20)
     state, alarms, watched = DetectorState(), [0] * years, [set[int]() for _ in range(years)]
     for observation in observations(ROWS[row](rng, years * DAYS + 20)):
         state = step(state, observation, solved)
@@ -200,7 +224,7 @@ def rate_of(found: list[list[tuple[int, float]]]) -> tuple[float, float, float]:
 
 def found_on_history(row: str, seed: int, axis: int) -> tuple[float, float, float, int]:
     """Return the rate that is found on a year of an axis with its interval, and its alarms in the year after."""
-    rng, solved = np.random.default_rng([2030, seed, list(ROWS).index(row), axis]), limits(row)
+    rng, solved = np.random.default_rng([2030, seed, list(ROWS).index(row), axis]), limits()
     measured = observations(ROWS[row](rng, 2 * DAYS + 20))
     end_of_first = START + timedelta(days=DAYS + 20)
     first = [observation for observation in measured if observation.at < end_of_first]
@@ -222,7 +246,7 @@ def delay_of(change: str, after: int, seed: int, axis: int) -> float:
     days = ROWS[row](rng, after + 200)
     lost = shape(np.arange(after + 200.0) - after)
     changed = [replace(day, values=(day.values[0] + float(lost[i]),)) for i, day in enumerate(days)]
-    state, solved = DetectorState(), limits(row)
+    state, solved = DetectorState(), limits()
     for number, observation in enumerate(observations(changed)):
         if number == after and state.baseline is None:
             return math.nan

@@ -45,6 +45,7 @@ class Baseline:
     ended_at: datetime
     weights: tuple[float, ...] = ()  # of the structures of dependence
     temperatures: tuple[float, float] | None = None  # lowest and highest that were seen [°C]
+    lubricated_at: datetime | None = None  # last session whose friction looked so: the level was open to it
 
     def scatter_of_mean(self, count: int) -> float:
         r"""Return the standard deviation of the mean of so many sessions in a row, a day apart.
@@ -146,4 +147,5 @@ def baseline_of(belief: Belief) -> Baseline:
         ended_at=belief.ended_at,
         weights=tuple(bank.weight.tolist()),
         temperatures=None if belief.temperature is None else (belief.temperature.lowest, belief.temperature.highest),
+        lubricated_at=belief.lubricated_at,
     )

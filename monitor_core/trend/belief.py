@@ -60,6 +60,11 @@ _UPPER = np.triu_indices(_SIZE)
 KELVIN = 10.0
 #: ... and per this share of the friction torque.
 FRICTION_SHARE = 0.25
+#: A friction torque that rises from one session to the next by so many of its usual steps, and by such a share, looks
+#: like lubrication: fresh grease resists, while a loss of preload lets friction fall. Of the steps so many are needed.
+JUMP, LEAST_JUMP, FEWEST_STEPS = 5.0, 0.1, 10
+#: By so many standard deviations of a session lubrication may move the level.
+LUBRICATION = 2.0
 #: What nothing is known about: the level.
 _OPEN = 100.0
 #: One session may say so many standard deviations, not more.
@@ -119,7 +124,10 @@ class Belief:
     temperature: Covariate | None = None
     friction_torque: Covariate | None = None
     change: Covariate | None = None  # of the temperature in a day, in units of KELVIN
+    friction_step: Covariate | None = None  # of the friction torque, from one session to the next [N·m]
     latest_temperature: float | None = None  # of the last session, learnt or not; None if it was not stated
+    latest_friction: float | None = None  # the same of the friction torque
+    lubricated_at: datetime | None = None  # the last session that looked so
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +193,7 @@ class Prediction:
     @property
     def unlearnt(self) -> float:
         """Share of the variance of the prediction that is due to the coefficients, not to the scatter of sessions."""
-        own = np.einsum("i,rij,j->r", self.design[:-1], self.bank.covariance[:, :-1, :-1], self.design[:-1])
+        own = self.bank.covariance[:, :-1, :-1] @ self.design[:-1] @ self.design[:-1]
         return float(self.bank.weight @ np.clip(own / self.spread, 0.0, 1.0))
 
     def error(self, value: float) -> FloatArray:
@@ -255,6 +263,8 @@ def predict(belief: Belief, session: Session) -> Prediction:
     bank.covariance[:, -1, :] *= decay[:, None]
     bank.covariance[:, :, -1] *= decay[:, None]
     bank.covariance[:, -1, -1] += _SHARE * (1.0 - decay**2)
+    if _looks_lubricated(belief, session):
+        bank.covariance[:, 0, 0] += LUBRICATION**2
 
     design, unknown = _design(belief, session)
     cross = bank.covariance @ design
@@ -266,6 +276,7 @@ def predict(belief: Belief, session: Session) -> Prediction:
 def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
     """Learn a session, of which no more than :data:`LARGEST_LESSON` standard deviations are believed."""
     bank, scale, gain = prediction.bank, prediction.scale, prediction.gain
+    lubricated = _looks_lubricated(belief, session)
     error = prediction.error(session.value)
     believed = np.clip(error, -LARGEST_LESSON * scale, LARGEST_LESSON * scale)
     learnt = Bank(
@@ -286,7 +297,10 @@ def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
         temperature=_seen(belief.temperature, session.temperature),
         friction_torque=_seen(belief.friction_torque, session.friction_torque),
         change=_seen(belief.change, _change(belief, session)),
+        friction_step=belief.friction_step if lubricated else _seen(belief.friction_step, _step(belief, session)),
         latest_temperature=session.temperature,
+        latest_friction=session.friction_torque,
+        lubricated_at=session.started_at if lubricated else belief.lubricated_at,
     )
 
 
@@ -311,6 +325,8 @@ def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belie
         last_at=session.started_at,
         numbers=followed.numbers(),
         latest_temperature=session.temperature,
+        latest_friction=session.friction_torque,
+        lubricated_at=session.started_at if _looks_lubricated(belief, session) else belief.lubricated_at,
     )
 
 
@@ -340,7 +356,7 @@ def healthy_value(belief: Belief, at: datetime) -> tuple[float, float]:
         row[N_COEFFICIENTS - 2 + i] = covariate
     row = row[:-1]
     centre = bank.mean[:, :-1] @ row
-    own = bank.rate / bank.shape * np.einsum("i,rij,j->r", row, bank.covariance[:, :-1, :-1], row)
+    own = bank.rate / bank.shape * (bank.covariance[:, :-1, :-1] @ row @ row)
     mean = float(bank.weight @ centre)
     return belief.zero + mean, math.sqrt(max(float(bank.weight @ (own + (centre - mean) ** 2)), 0.0))
 
@@ -365,6 +381,19 @@ def _design(belief: Belief, session: Session) -> tuple[FloatArray, tuple[float, 
 
 def _change(belief: Belief, session: Session) -> float | None:
     return change_in_a_day(belief.latest_temperature, session.temperature, session.started_at - belief.last_at)
+
+
+def _step(belief: Belief, session: Session) -> float | None:
+    before, now = belief.latest_friction, session.friction_torque
+    return None if before is None or now is None else now - before
+
+
+def _looks_lubricated(belief: Belief, session: Session) -> bool:
+    """Tell whether the friction torque has risen at once, as it does with fresh grease and not with a loss."""
+    usual, step = belief.friction_step, _step(belief, session)
+    if usual is None or usual.count < FEWEST_STEPS or step is None or belief.latest_friction is None:
+        return False
+    return step > max(JUMP * math.sqrt(usual.variance), LEAST_JUMP * abs(belief.latest_friction))
 
 
 def _scaled(seen: Covariate | None, value: float | None, unit: float) -> float:

@@ -36,6 +36,7 @@ class BaselineView(_View):
     started_at: datetime
     ended_at: datetime
     not_seen: tuple[str, ...]
+    looks_lubricated_at: datetime | None  # friction rose at once: the level was open to what lubrication does
     sisters: LentBySisters
 
 
@@ -94,6 +95,7 @@ def baseline_view(state: DetectorState, calibration: Calibration) -> BaselineVie
         started_at=baseline.started_at,
         ended_at=baseline.ended_at,
         not_seen=tuple(baseline.not_seen),
+        looks_lubricated_at=baseline.lubricated_at,
         sisters=lent,
     )
 

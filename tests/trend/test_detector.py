@@ -165,6 +165,21 @@ def test_a_loss_with_friction_that_falls_is_an_alarm():
     assert state.alarm is not None
 
 
+def test_friction_that_rises_at_once_looks_like_lubrication_and_hides_no_later_loss():
+    rng, state, told, alarmed = np.random.default_rng(23), DetectorState(), DetectorState(), []
+    for day in range(120):
+        greased, lost = day >= 50, 30.0 * (day >= 100)
+        at, value = START + day * DAY, float(healthy(rng, 1)[0]) - 18.0 * greased - lost
+        torque = (0.13 if greased else 0.1) * (1.0 - 0.1 * (lost > 0.0) + 0.02 * rng.standard_normal())
+        told = step(told, Observation(at, value, friction_torque=float(torque)), design())
+        state = step(state, Observation(at, value), design())
+        assert told.alarm is None or lost
+        alarmed.append(state.alarm is not None)
+    assert any(alarmed[50:60])  # nobody told of the friction
+    assert told.baseline.lubricated_at == START + 50 * DAY
+    assert told.alarm is not None
+
+
 # --- delays ----------------------------------------------------------------------------------------------------------
 
 
