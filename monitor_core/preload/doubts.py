@@ -23,6 +23,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from statistics import NormalDist
 
 import numpy as np
 import scipy
@@ -160,8 +161,8 @@ FALSE_DOUBTS = 0.05
 N_TESTS = 2 * sum(tolerance.doubt is not None for tolerance in TOLERANCES.values()) + 2
 #: Of each test: the probability at which it doubts, and the normal deviate beyond which it does, on two sides or one.
 TEST_LEVEL = 1.0 - (1.0 - FALSE_DOUBTS) ** (1.0 / N_TESTS)
-_DEVIATE = -float(scipy.special.ndtri(TEST_LEVEL / 2.0))
-_DEVIATE_ONE_SIDED = -float(scipy.special.ndtri(TEST_LEVEL))
+_DEVIATE = -NormalDist().inv_cdf(TEST_LEVEL / 2.0)
+_DEVIATE_ONE_SIDED = -NormalDist().inv_cdf(TEST_LEVEL)
 
 
 def deviations_of(values: WitnessValues, setting: Setting, calibration: Calibration) -> dict[WitnessName, Deviation]:

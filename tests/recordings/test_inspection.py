@@ -13,7 +13,7 @@ from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import check_file, write_session
 from monitor_core.recordings.elements.units import Quantity, factor_to_si
 from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of_name, unit_in_name
-from monitor_core.recordings.raw.channel_time import ChannelTime, Run
+from monitor_core.recordings.raw.channel_time import ChannelTime, Run, time_of_samples
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.inspection import read_as_proposed, summaries_of, summary_of
 from monitor_core.recordings.raw.text import columns
@@ -120,6 +120,34 @@ def test_what_an_import_says_of_times_is_said():
     found = [summary_of(Channel("time", times, "s")).remarks[-1] for times, _ in said]
     assert [(words, told) for (_, words), told in zip(said, found, strict=True) if words not in told] == []
     assert summary_of(Channel("time", 1e3 * TIME, "ms")).remarks == ()
+
+
+def test_a_look_at_a_clock_says_what_an_import_says(tmp_path, monkeypatch):
+    # a drift that no stretch of 2^20 shows: by 0.2 digits over all of it, by 0.09 over two thirds
+    share = np.linspace(0.0, 1.0, 3 * 2**19)
+    times = np.round(np.arange(share.size) / 51_200 + 8e-7 * share**2, 6)
+    assert summary_of(Channel("time", times, "s")).remarks == (time_of_samples(times, 1e-6, "time")[0].unevenness,)
+    read, n_read, found = columns.read_table, [], []
+    monkeypatch.setattr(columns, "read_table", lambda *of: [n_read.append(1), read(*of)][1])
+    for pause in (0.0, 5.0):
+        times = np.arange(40_000) / 51_200 + pause * (np.arange(40_000) > 35_000)
+        (tmp_path / "a.csv").write_text("time_s\n" + "\n".join(f"{t:.6f}" for t in times.tolist()))
+        n_read.clear()
+        look = read_as_proposed(tmp_path / "a.csv", "csv")
+        printed, *breaks = summaries_of(look.channels, look.figures)[0].remarks
+        assert (printed,) == time_of_samples(np.round(times, 6), 1e-6, "time_s")[1]
+        found.append((len(n_read), breaks))
+    assert found == [(1, []), (2, ["samples are missing behind sample 35000: for 5 s; no window crosses it"])]
+
+
+def test_a_count_of_samples_is_no_time():
+    count = np.concatenate([np.arange(100.0), np.arange(150.0, 250.0)])
+    assert summary_of(Channel("n", count)).remarks == (
+        "samples are missing behind sample 99: for 50 samples; no window crosses it",
+    )
+    assert "time: expected rising sampling times; they run back by 99 samples" in summary_of(
+        Channel("time", np.tile(np.arange(100.0), 20))
+    ).remarks[0]  # fmt: skip
 
 
 def test_columns_of_one_value_are_read_once_more_for_all_of_them(tmp_path, monkeypatch):

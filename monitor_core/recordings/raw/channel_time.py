@@ -27,11 +27,16 @@ _MOST_DECIMALS = 12
 #: By which a rate of sampling times is open at least (no quartz is that good), and at most.
 _LEAST_OPEN, _MOST_OPEN = 1e-9, 1e-5
 _LAST = 10_000
+#: So many times are looked at together; of so many that follow each other the ends of what they miss the clock of the
+#: first ones by are kept, which is the same as theirs within hundredths of a digit where they are even at all.
+_PIECE, _TOGETHER = 2**18, 32
 #: A pause longer than this many usual steps is a gap: nothing between its ends can be known.
 GAP = 4.5
 #: Of fewer samples between their gaps on average, times are uneven rather than interrupted.
 _FEWEST_BETWEEN_GAPS = 16
 _MANY_DIGITS = 5
+#: Numbers from 0 or 1 on that rise by one so often number the samples; the rest are leaps.
+_NUMBERED = 0.9
 #: By which rates may differ and still be one.
 _SAME_RATE = 1e-9
 
@@ -129,10 +134,10 @@ def place_of_break(n_before: int, mark: str) -> str:
     return f"behind sample {n_before - 1}" + (f", where {mark} stands" if mark else "")
 
 
-def missing_samples(place: str, seconds: float | None, n_lost: int | None = None) -> str:
+def missing_samples(place: str, seconds: float | None, n_lost: int | None = None, unit: str = "s") -> str:
     """Say that samples are missing at a place, and for how long [s], or how many; ``None``: the file does not say."""
     much = "how many, the file does not say" if n_lost is None else f"{n_lost} of them"
-    much = much if seconds is None else f"for {seconds:.6g} s"
+    much = much if seconds is None else f"for {seconds:.6g} {unit}"
     return f"samples are missing {place}: {much}; no window crosses it"
 
 
@@ -180,8 +185,81 @@ def seconds_apart(run: Run, other: Run) -> float:
     return 0.0 if run.start is None or other.start is None else abs(run.start - other.start)
 
 
+@dataclass(frozen=True, slots=True)
+class EvenSteps:
+    """Step of an even clock that sampling times agree with, and what is to be said of it."""
+
+    step: float
+    said: str
+
+
+class RunningClock:
+    """Tells of sampling times, piece by piece, whether an even clock explains them to their digits."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self.shortest, self.longest = math.inf, -math.inf  # step
+        self.last: SampleArray = np.empty(0)  # samples, which show the digits, see :func:`printed_digit`
+        self._first = self._step = 0.0  # of the first piece; by how much times are off its clock:
+        self._sum = self._moment = 0.0
+        self._ends = list[FloatArray]()  # lowest and highest of so many, and the middle
+
+    def add(self, piece: SampleArray) -> None:
+        """Take the times that come next, shape (n_samples,)."""
+        times = piece.astype(np.float64, copy=False)
+        steps = np.diff(times, prepend=self.last[-1:].astype(np.float64))
+        if not self.size:
+            self._first = float(times[0])
+            about_middle = np.arange(times.size) - 0.5 * (times.size - 1)
+            self._step = float(about_middle @ (times - times[0])) / max(float(about_middle @ about_middle), 1.0)
+        if steps.size:
+            self.shortest = min(self.shortest, float(steps.min()))
+            self.longest = max(self.longest, float(steps.max()))
+        del steps
+        numbers = np.arange(self.size, self.size + times.size, dtype=np.float64)
+        off = times - self._first
+        off -= self._step * numbers
+        self._sum += float(off.sum())
+        self._moment += float(off @ numbers)
+        begins = np.arange(0, times.size, _TOGETHER)
+        middles = 0.5 * (begins + np.minimum(begins + _TOGETHER, times.size) - 1.0) + self.size
+        self._ends.append(np.array([np.minimum.reduceat(off, begins), np.maximum.reduceat(off, begins), middles]))
+        self.size += times.size
+        self.last = np.concatenate([self.last.astype(piece.dtype, copy=False), piece[-_LAST:]])[-_LAST:]
+
+    def even(self, printed: float, where: str, unit: str = "s", factor: float = 1.0) -> EvenSteps | None:
+        """Return the step of the clock that explains the times; ``None`` if none does, or there are too few.
+
+        ``printed`` is the digit that they are known to; in messages both stand in ``unit``, by a ``factor``.
+        """
+        n = self.size
+        if n < 2:
+            return None
+        step = (float(self.last[-1]) - self._first) / (n - 1)
+        worst = max(self.longest - step, step - self.shortest)
+        if step > 0.0 and worst <= STEP_TOLERANCE * step:
+            return EvenSteps(step, "")
+        if not worst <= 2.0 * _PRINTED * printed:
+            return None
+        tilt = 12.0 * (self._moment - 0.5 * (n - 1) * self._sum) / (n * (n * n - 1.0))  # least squares
+        lowest, highest, middles = np.concatenate(self._ends, axis=1)
+        distance = 0.5 * float(np.max(highest - tilt * middles) - np.min(lowest - tilt * middles))
+        line_step = self._step + tilt
+        if not (printed <= _COARSEST * line_step and distance <= _PRINTED * printed):
+            return None
+        share = 100.0 * printed / line_step
+        said = f"{where}: times are printed to {printed * factor:.2g} {unit}, {share:.2g} % of a step"
+        return EvenSteps(line_step, f"{said}; taken as even, as they agree")
+
+
 def time_of_samples(
-    times: FloatArray, printed: float, where: str, parted: Sequence[Run] = (), texts: Sequence[str] = ()
+    times: FloatArray,
+    printed: float,
+    where: str,
+    parted: Sequence[Run] = (),
+    texts: Sequence[str] = (),
+    *,
+    unit: str = "s",
 ) -> tuple[ChannelTime, tuple[str, ...]]:
     """Part sampling times into runs, and find the rate of each.
 
@@ -198,6 +276,8 @@ def time_of_samples(
         over such a place, no sample is missing there, and there is no break.
     texts : sequence of str
         The times as the file writes them, for messages.
+    unit : str
+        That of the times, for messages: a count of samples is no time.
 
     Returns
     -------
@@ -225,7 +305,7 @@ def time_of_samples(
     back[stated] = False
     if back.any() or usual < 0.0:
         place = int(np.argmax(back))
-        raise RecordingFormatError(_ran_back(times, place, printed, texts[place] if texts else "", where))
+        raise RecordingFormatError(_ran_back(times, place, printed, texts[place] if texts else "", where, unit=unit))
     gaps = (steps > GAP * usual) & (usual > 0.0)
     if (np.count_nonzero(gaps) + 1) * _FEWEST_BETWEEN_GAPS > times.size:
         gaps[:] = False
@@ -236,9 +316,9 @@ def time_of_samples(
     pieces = [slice(begin, end) for begin, end in pairwise(bounds)]
     rates, remarks, uneven = list[float | None](), dict[str, None](), ""
     for piece in pieces:
-        rate, said = _rate_of(times[piece], printed, where)
+        rate, said = _rate_of(times[piece], printed, where, unit)
         if rate is None and piece.stop - piece.start > 1:
-            uneven = uneven or _why_uneven(times[piece], piece.start, printed, where)
+            uneven = uneven or _why_uneven(times[piece], piece.start, printed, where, unit)
         elif said:
             remarks[said] = None
         rates.append(rate)
@@ -266,22 +346,14 @@ def _marks(parted: Sequence[Run]) -> dict[int, str]:
     return {begin: run.mark for begin, run in zip(begins, parted[1:], strict=False)}
 
 
-def _rate_of(times: FloatArray, printed: float, where: str) -> tuple[float | None, str]:
+def _rate_of(times: FloatArray, printed: float, where: str, unit: str) -> tuple[float | None, str]:
     """Return the rate of a run [Hz], ``None`` if it is uneven, and what is to be said of it."""
-    if times.size < 2:
+    clock = RunningClock()
+    for start in range(0, times.size, _PIECE):
+        clock.add(times[start : start + _PIECE])
+    if (even := clock.even(printed, where, unit)) is None:
         return None, ""
-    steps = np.diff(times)
-    step = float(times[-1] - times[0]) / steps.size
-    worst = max(float(steps.max()) - step, step - float(steps.min()))
-    if step > 0.0 and worst <= STEP_TOLERANCE * step:
-        return _plain_rate(1.0 / step, times, printed), ""
-    line_step, distance = _even_line(times)
-    whole = 0.0 < printed <= _COARSEST * line_step and worst <= 2.0 * _PRINTED * printed
-    if whole and distance <= _PRINTED * printed:
-        share = 100.0 * printed / line_step
-        said = f"{where}: times are printed to {printed:.2g} s, {share:.2g} % of a step; taken as even, as they agree"
-        return _plain_rate(1.0 / line_step, times, printed), said
-    return None, ""
+    return _plain_rate(1.0 / even.step, times, printed), even.said
 
 
 def _shared(rate: float | None, longest: float | None, times: FloatArray, printed: float) -> float | None:
@@ -292,19 +364,19 @@ def _shared(rate: float | None, longest: float | None, times: FloatArray, printe
     return longest if drift <= 2.0 * max(_PRINTED * printed, STEP_TOLERANCE / longest) else rate
 
 
-def _why_uneven(times: FloatArray, first: int, printed: float, where: str) -> str:
+def _why_uneven(times: FloatArray, first: int, printed: float, where: str, unit: str) -> str:
     steps = np.diff(times)
     step = float(times[-1] - times[0]) / steps.size
     worst = int(np.argmax(np.abs(steps - step)))
     advice = "a table [resample] with sample_rate_hz and method makes it even"
     if steps.min() == 0.0:
         advice = (
-            f"several samples share a time, which is printed to {printed:.2g} s only: leave [time] out and state "
+            f"several samples share a time, which is printed to {printed:.2g} {unit} only: leave [time] out and state "
             "sample_rate_hz and started_at in [window]"
         )
     return (
-        f"{where}: expected uniform sampling every {step:.6g} s; got a step of {steps[worst]:.6g} s behind sample "
-        f"{first + worst} (all of them: {steps.min():.6g} to {steps.max():.6g} s); {advice}"
+        f"{where}: expected uniform sampling every {step:.6g} {unit}; got a step of {steps[worst]:.6g} {unit} behind "
+        f"sample {first + worst} (all of them: {steps.min():.6g} to {steps.max():.6g} {unit}); {advice}"
     )
 
 
@@ -313,7 +385,7 @@ _HOURS = re.compile(r"(\d{1,2}):\d\d")
 _WRAPS = tuple(2.0**bits for bits in (8, 16, 24, 31, 32))
 
 
-def _ran_back(times: FloatArray, place: int, printed: float, read: str, where: str) -> str:
+def _ran_back(times: FloatArray, place: int, printed: float, read: str, where: str, *, unit: str) -> str:
     """Say where times run back, by how much, and what does so; ``read``: the last text in front of that."""
     usual = float(np.median(np.diff(times)))
     back = float(times[place] - times[place + 1])
@@ -328,7 +400,7 @@ def _ran_back(times: FloatArray, place: int, printed: float, read: str, where: s
     elif abs(lost - 86400.0) <= max(10.0 * usual, 1.0):
         why = "times of day over midnight, which need a date"
     at = f"sample {place}, {read[:40]!r}" if read else f"sample {place}"
-    return f"{where}: expected rising sampling times; they run back by {back:.6g} s behind {at}: {why}"
+    return f"{where}: expected rising sampling times; they run back by {back:.6g} {unit} behind {at}: {why}"
 
 
 def _plain_rate(rate: float, times: FloatArray, printed: float) -> float:
@@ -348,6 +420,12 @@ def plainest(rate: float, open_by: float) -> float:
     return rate
 
 
+def numbers_samples(head: SampleArray) -> bool:
+    """Tell whether values begin as 0, 1, 2, …, with few leaps: the number of a sample, of which no rate is known."""
+    start = head[:1000]
+    return start.size > 1 and bool(np.mean(np.diff(start) == 1.0) > _NUMBERED) and float(start[0]) in (0.0, 1.0)
+
+
 def printed_digit(numbers: SampleArray) -> float:
     """Return the digit that numbers are printed to, in their own unit; 0 where they have more than twelve decimals.
 
@@ -360,13 +438,3 @@ def printed_digit(numbers: SampleArray) -> float:
         if np.all(np.abs(scaled - np.rint(scaled)) <= 1e-12 * np.abs(scaled) + 1e-6):
             return max(10.0**-decimals, of_single)
     return of_single
-
-
-def _even_line(times: FloatArray) -> tuple[float, float]:
-    """Return the step of the even clock nearest to times, and by how much one of them misses it at most [s]."""
-    n, misses = times.size, np.arange(times.size, dtype=np.float64)
-    misses -= 0.5 * (n - 1)
-    slope = 12.0 * float(misses @ (times - times[0])) / (n * (n * n - 1.0))  # least squares, about the middle
-    misses *= -slope
-    misses += times
-    return slope, 0.5 * float(np.ptp(misses))

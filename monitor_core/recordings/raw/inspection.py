@@ -1,7 +1,6 @@
 """Look at the channels of a raw file: what the file states of each, and what its values show."""
 
 import math
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -25,7 +24,9 @@ from monitor_core.recordings.raw.channel_kind import (
 from monitor_core.recordings.raw.channel_time import (
     ChannelTime,
     Run,
+    RunningClock,
     missing_samples,
+    numbers_samples,
     place_of_break,
     printed_digit,
     time_of_samples,
@@ -44,8 +45,6 @@ STUCK_SHARE = 0.1
 SHORTEST_RUN = 4
 #: Runs of one length so often are a slower record whose values were repeated.
 _HELD_SHARE = 0.9
-#: So many sampling times are looked at together.
-_STRETCH = 2**20
 #: No drive is sampled more slowly to show a mode, none faster: times outside are doubted.
 _SECONDS_PER_DAY = 86400.0
 #: Days since 1900 from 2009 to 2064, and since the year 0 from 1971 to 2080.
@@ -87,21 +86,16 @@ class AsProposed:
 
 
 class _Watch:
-    """Gathers the figures of a table while it is read, and all of what begins as clocks do: an import judges those."""
+    """Gathers the figures of a table while it is read."""
 
     def __init__(self) -> None:
         self.figures: list[SampleFigures] = []
-        self.clocks: dict[int, array[float]] = {}
 
     def begin(self, n_columns: int) -> None:
-        self.figures, self.clocks = [SampleFigures(n_columns) for _ in range(n_columns)], {}
+        self.figures = [SampleFigures(n_columns) for _ in range(n_columns)]
 
     def add(self, number: int, piece: FloatArray) -> None:
-        figures = self.figures[number]
-        is_first = figures.size == 0
-        figures.add(piece)
-        if number in self.clocks or (is_first and 0.0 < figures.shortest_step < math.inf):
-            self.clocks.setdefault(number, array("d")).frombytes(piece.tobytes())
+        self.figures[number].add(piece)
 
 
 def read_as_proposed(path: Path, name: str) -> AsProposed:
@@ -115,14 +109,7 @@ def read_as_proposed(path: Path, name: str) -> AsProposed:
         channels, layout = columns.read_as_proposed(path, watch)
         # figures of a reading that failed are of fewer samples
         sizes = [math.prod(channel.shape) for channel in channels.channels]
-        if [of.size for of in watch.figures] != sizes:
-            return AsProposed(channels, layout)
-        known = {number: np.frombuffer(memoryview(numbers).toreadonly()) for number, numbers in watch.clocks.items()}
-        kept = (
-            replace(channel, stored=known.get(number, channel.stored))
-            for number, channel in enumerate(channels.channels)
-        )
-        return AsProposed(replace(channels, channels=tuple(kept)), layout, watch.figures)
+        return AsProposed(channels, layout, watch.figures if [of.size for of in watch.figures] == sizes else None)
     try:
         return AsProposed(read_channels(path), None)
     except RecordingFormatError:
@@ -176,34 +163,42 @@ def _summary(channel: Channel, figures: SampleFigures) -> ChannelSummary:
     judged = _judged(summary, figures, channel.gaps)
     if len(channel.shape) != 1:
         return judged
-    is_clock = summary.kind is ChannelKind.TIME and figures.size > 1 and not figures.rises_evenly
-    said = _said_of_clock(channel) if is_clock else _breaks(channel.time)
+    is_clock = summary.kind is ChannelKind.TIME and figures.size > 1
+    said = _said_of_clock(channel, figures.clock) if is_clock else _breaks(channel.time)
     return replace(judged, remarks=(*judged.remarks, *said))
 
 
-def _said_of_clock(channel: Channel) -> tuple[str, ...]:
-    samples = channel.samples
-    factor = FACTOR_TO_SI[Quantity.TIME].get(canonical_unit(channel.unit) or unit_in_name(channel.name) or "")
-    where = channel.name if factor is not None else f"{channel.name}, taken as s"
-    times = samples.astype(np.float64, copy=False)
-    times = times if factor in (1.0, None) else times * factor
-    return said_of_times(times, printed_digit(samples) * (factor or 1.0), where, channel.time.runs)
+def _said_of_clock(channel: Channel, clock: RunningClock | None) -> tuple[str, ...]:
+    unit = canonical_unit(channel.unit) or unit_in_name(channel.name)
+    factor = FACTOR_TO_SI[Quantity.TIME].get(unit or "", 1.0)
+    if unit is None and numbers_samples(channel.head):
+        where, counted = channel.name, "samples"
+    else:
+        where, counted = channel.name if unit in FACTOR_TO_SI[Quantity.TIME] else f"{channel.name}, taken as s", "s"
+    if clock is not None and len(channel.time.runs) < 2:  # told without the memory that all times at once take
+        even = clock.even(printed_digit(clock.last), where, counted, factor)
+        if even is not None:
+            return (even.said,) if even.said else ()
+    times = channel.samples.astype(np.float64, copy=False)
+    times = times if factor == 1.0 else times * factor
+    return said_of_times(times, printed_digit(channel.samples) * factor, where, channel.time.runs, unit=counted)
 
 
 def said_of_times(
-    times: FloatArray, printed: float, where: str, parted: Sequence[Run] = (), texts: Sequence[str] = ()
+    times: FloatArray,
+    printed: float,
+    where: str,
+    parted: Sequence[Run] = (),
+    texts: Sequence[str] = (),
+    *,
+    unit: str = "s",
 ) -> tuple[str, ...]:
     """Say what an import will say of sampling times; the arguments are those of :func:`time_of_samples`."""
-    stretches = [times[first : first + _STRETCH + 1] for first in range(0, times.size - 1, _STRETCH)]
     try:
-        if not parted and len(stretches) > 1:  # even ones are told without the memory that all at once take
-            of_all = [time_of_samples(stretch, printed, where) for stretch in stretches]
-            if all(len(time.runs) == 1 and not time.unevenness for time, _ in of_all):
-                return of_all[0][1]
-        found, said = time_of_samples(times, printed, where, parted, texts)
+        found, said = time_of_samples(times, printed, where, parted, texts, unit=unit)
     except RecordingFormatError as error:
         return (str(error),)
-    return (found.unevenness,) if found.unevenness else (*said, *_breaks(found))
+    return (found.unevenness,) if found.unevenness else (*said, *_breaks(found, unit))
 
 
 def is_of_time(kind: ChannelKind | None) -> bool:
@@ -256,7 +251,7 @@ def _judged(summary: ChannelSummary, figures: SampleFigures, gaps: str) -> Chann
     )  # fmt: skip
 
 
-def _breaks(time: ChannelTime) -> list[str]:
+def _breaks(time: ChannelTime, unit: str = "s") -> list[str]:
     """Say where the samples of a channel have a break, and how long it is; of many, the first."""
     behind, breaks = 0, list[str]()
     for run, later in pairwise(time.runs):
@@ -267,7 +262,7 @@ def _breaks(time: ChannelTime) -> list[str]:
             if seconds < 0.5 / run.sample_rate:
                 continue  # another rate without a pause
         if later.n_lost != 0:
-            breaks.append(missing_samples(place_of_break(behind, later.mark), seconds, later.n_lost))
+            breaks.append(missing_samples(place_of_break(behind, later.mark), seconds, later.n_lost, unit))
     if len(breaks) > N_FIRST:
         breaks[N_FIRST:] = [f"and {len(breaks) - N_FIRST} breaks more"]
     return breaks

@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from monitor_core.arrays import FloatArray, SampleArray
-from monitor_core.recordings.raw.channel_time import STEP_TOLERANCE
+from monitor_core.recordings.raw.channel_time import RunningClock
 
 #: So many samples that follow each other are kept or left out together.
 _STRETCH = 4096
@@ -23,9 +23,8 @@ class SampleFigures:
         """``n_channels``: of the file, whose samples are in memory together."""
         self.size = 0
         self.n_not_finite = 0
-        self.shortest_step, self.longest_step = math.inf, -math.inf  # up to the first that does not rise
+        self.clock: RunningClock | None = RunningClock()  # none of what does not rise throughout
         self._top, self._bottom = _End(), _End()
-        self._last: SampleArray = _NOTHING
         self._most = min(_MOST_KEPT, max(_FEWEST_KEPT, _MOST_OF_ALL // n_channels))
         self._kept: list[SampleArray] = []
         self._n_kept = self._n_stretches = 0
@@ -43,17 +42,15 @@ class SampleFigures:
         if not (math.isfinite(low) and math.isfinite(high)):
             finite: SampleArray = piece[np.isfinite(piece)]
             self.n_not_finite += piece.size - finite.size
+            self.clock = None
             if not finite.size:
                 return
             piece, low, high = finite, finite.min(), finite.max()
         self._top.add(piece, high, at_top=True)
         self._bottom.add(piece, low, at_top=False)
-        if self.shortest_step > 0.0:
-            steps = np.diff(piece.astype(np.float64), prepend=self._last.astype(np.float64))
-            if steps.size:
-                self.shortest_step = min(self.shortest_step, float(steps.min()))
-                self.longest_step = max(self.longest_step, float(steps.max()))
-            self._last = piece[-1:].copy()
+        if self.clock is not None:
+            self.clock.add(piece)
+            self.clock = self.clock if self.clock.shortest > 0.0 else None
         self._keep(piece)
 
     @property
@@ -65,11 +62,6 @@ class SampleFigures:
     def maximum(self) -> float | None:
         """The highest finite sample; None if none is finite."""
         return self._top.value
-
-    @property
-    def rises_evenly(self) -> bool:
-        """Whether all are finite, and no step is longer than another by more than sampling times may be off."""
-        return self.n_not_finite == 0 and 0.0 < self.longest_step <= (1.0 + STEP_TOLERANCE) * self.shortest_step
 
     @property
     def n_at_ends(self) -> int:

@@ -11,7 +11,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit
-from monitor_core.recordings.raw.channel_time import GAP, printed_digit, time_of_samples
+from monitor_core.recordings.raw.channel_time import GAP, numbers_samples, printed_digit, time_of_samples
 from monitor_core.recordings.raw.channels import HEAD, Channels
 from monitor_core.recordings.raw.inspection import days_of, said_of_times, step_of
 from monitor_core.recordings.raw.mapping.times import times_of
@@ -32,8 +32,6 @@ _ISO = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(?P<zone>[
 _CLOCK = re.compile(r"\d{1,2}:\d\d(?P<seconds>:\d\d)?((?P<sign>[.,])\d+)?(?P<half>\s?[AaPp][Mm])?", re.ASCII)
 _DATE = re.compile(r"(\d{1,4})([-./])(\d{1,2})\2(\d{1,4})", re.ASCII)
 _MOST_LOOKED_AT = 1000
-#: Numbers from 0 or 1 on that rise by one so often number the samples; the rest are leaps.
-_NUMBERED = 0.9
 _PLAUSIBLE_STEPS = (("s", 0.05), ("ms", 50.0), ("us", 5e4))  # longest step of a recording that is to show a mode
 #: Records of fewer seconds are left whole.
 _FEWEST_WINDOWS = 8
@@ -80,7 +78,7 @@ def _time_entries(times: Part) -> Iterator[MapEntry]:
     unit, mark, remark = _unit_of_times(times)
     if unit is not None:
         yield MapEntry("unit", unit, remark, mark)
-    elif _counts(times) and not names_other_unit(times.channel.name):
+    elif numbers_samples(times.head) and not names_other_unit(times.channel.name):
         yield missing("sample_rate_hz", "of the samples that it numbers; or unit, if these are times")
     else:
         yield missing("unit", choice_of_units(ChannelKind.TIME))
@@ -98,19 +96,13 @@ def _text_time_entries(times: TextTimes) -> Iterator[MapEntry]:
         yield missing("zone", 'zone of these times, such as "+01:00" or "Z"')
 
 
-def _counts(times: Part) -> bool:
-    """Tell whether values are 0, 1, 2, …, with few leaps: the number of a sample, of which the rate is not known."""
-    start = times.head[:1000]
-    return start.size > 1 and bool(np.mean(np.diff(start) == 1.0) > _NUMBERED) and float(start[0]) in (0.0, 1.0)
-
-
 def _unit_of_times(times: Part) -> tuple[str | None, Mark, str]:
     """Return the unit of sampling times, as stated, else the first in which the rate is one of recordings; and why."""
     factors, step = FACTOR_TO_SI[Quantity.TIME], step_of(times.head)
     unit = times.unit if times.unit in factors else None
     if unit is not None and canonical_unit(times.channel.unit) is not None:
         return unit, Mark.STATED, "as the file says"
-    if unit is None and (names_other_unit(times.channel.name) or _counts(times)):
+    if unit is None and (names_other_unit(times.channel.name) or numbers_samples(times.head)):
         return None, Mark.FILL_IN, ""
     if unit is None and days_of(step, times.head) is not None:
         return "d", Mark.CONFIRM, "days since a date, as spreadsheets count"

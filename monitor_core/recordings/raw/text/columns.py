@@ -9,12 +9,12 @@ Exports of programs that name themselves in their first lines (LVM, TwinCAT) nee
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, SampleArray
+from monitor_core.arrays import BoolArray, FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import listed, require_file
 from monitor_core.recordings.raw.channel_time import ChannelTime, Run
@@ -273,7 +273,7 @@ def _channels(
     *,
     pairs: Mapping[int, int] | None,
     units: Mapping[int, str],
-    again: Callable[[], Channels] | None,
+    again: Callable[[Watch], Channels] | None,
 ) -> Channels:
     """Return the channels of a table; where each has its own times, rows without time and value hold no sample of it.
 
@@ -282,12 +282,14 @@ def _channels(
     """
     file_name, names, channels = path.name, form.names, list[Channel]()
     time = ChannelTime(runs=_runs(table))
-    all_of_it = None if again is None else cache(again)  # so that the file is read once more for all channels
+    read = None if again is None else lru_cache(maxsize=1)(partial(_read_again, again))
+    # of which all must be seen to know whether they vary: the file is read once more for all of them
+    together = frozenset(i for i, begun in enumerate(table.numbers.values()) if np.all(begun == begun[:1]))
     for number, (i, samples) in enumerate(table.numbers.items()):
         if pairs is None:
             stored: Stored | SampleArray = samples
-            if all_of_it is not None and samples.size < table.n_rows:
-                stored = Stored((table.n_rows,), samples, number, partial(_pieces, all_of_it))
+            if read is not None and samples.size < table.n_rows:
+                stored = Stored((table.n_rows,), samples, number, partial(_pieces, read, together))
             channels.append(Channel(names[i], stored, units.get(i), time))
             continue
         blank, clock = table.blank.get(i), pairs.get(i)
@@ -304,10 +306,34 @@ def _channels(
     return Channels(file_name, tuple(channels), texts={names[i]: texts for i, texts in table.texts.items()})
 
 
-def _pieces(again: Callable[[], Channels], wanted: Collection[int]) -> Iterator[tuple[int, SampleArray]]:
-    channels = again().channels
+class _Kept:
+    """Keeps some of the columns of a table, by number, while it is read again."""
+
+    def __init__(self, wanted: Collection[int]) -> None:
+        self._wanted = wanted
+        self.pieces: dict[int, list[FloatArray]] = {}
+
+    def begin(self, n_columns: int) -> None:
+        self.pieces = {number: [] for number in range(n_columns) if number in self._wanted}
+
+    def add(self, number: int, piece: FloatArray) -> None:
+        if number in self.pieces:
+            self.pieces[number].append(piece.copy())
+
+
+def _read_again(again: Callable[[Watch], Channels], wanted: frozenset[int]) -> dict[int, list[FloatArray]]:
+    kept = _Kept(wanted)
+    again(kept)
+    return kept.pieces
+
+
+def _pieces(
+    read: Callable[[frozenset[int]], dict[int, list[FloatArray]]], together: frozenset[int], wanted: Collection[int]
+) -> Iterator[tuple[int, SampleArray]]:
+    numbers = frozenset(wanted)
+    read_now = read(numbers | together if numbers & together else numbers)
     for number in wanted:
-        yield number, channels[number].samples
+        yield from ((number, piece) for piece in read_now[number])
 
 
 def _runs(table: Table) -> tuple[Run, ...]:
