@@ -202,7 +202,8 @@ def _widened_by_richer_response(lines: FitLines, solution: Solution, fit: ModeFi
 
     No test decides whether it is added: of an error as large as chance none can tell, and it would still be there.
     Neither is taken off what chance alone moves; then an error of one to two standard uncertainties would often seem
-    to be none. The price is an interval 7 to 18 % too wide where the model holds.
+    to be none. The price, where the model holds: the variance that is stated is on average that of the richer response
+    (Hausman, Econometrica 46 (1978) 1251-1271); the middle interval is 7 to 18 % too wide.
     """
     mode, order = fit.modes[0], solution.order
     richer = replace(order, response_modes=(order.response_modes or order.n_modes) + 1)
