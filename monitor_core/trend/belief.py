@@ -63,8 +63,9 @@ FRICTION_SHARE = 0.25
 #: A friction torque that rises from one session to the next by so many of its usual steps, and by such a share, looks
 #: like lubrication: fresh grease resists, while a loss of preload lets friction fall. Of the steps so many are needed.
 JUMP, LEAST_JUMP, FEWEST_STEPS = 5.0, 0.1, 10
-#: By so many standard deviations of a session lubrication may move the level.
-LUBRICATION = 2.0
+#: By so many standard deviations of a session lubrication may move the level. More would hide larger losses that come
+#: with it, and no more of lubrications.
+LUBRICATION = 1.0
 #: What nothing is known about: the level.
 _OPEN = 100.0
 #: One session may say so many standard deviations, not more.

@@ -7,7 +7,7 @@ an alarm a person says so with :func:`reset`, or with a new calibration, which s
 
 import math
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import numpy as np
 
@@ -57,6 +57,8 @@ WHOLE = 0.9
 #: A rise of the preload by at most so many standard deviations of a session may be an error of what twenty sessions
 #: taught of the level; a larger one is a change that somebody should look into.
 LARGEST_SETTLED = 1.0
+#: A longer silence, of a machine at rest or a clock that was wrong, says nothing more of how often sessions come.
+LONGEST_SILENCE = timedelta(days=30)
 
 
 def step(state: DetectorState, observation: Observation, design: DetectorDesign) -> DetectorState:
@@ -77,12 +79,19 @@ def step(state: DetectorState, observation: Observation, design: DetectorDesign)
         session = state.session.with_observation(observation)
     else:
         state, session = _closed(state, state.of(design)), first_of(observation)
-        state = replace(state, first_at=state.first_at or observation.at, n_sessions=state.n_sessions + 1)
+        state = replace(state, first_at=_first_at(state, observation.at), n_sessions=state.n_sessions + 1)
     state = replace(state, session=session, last_at=observation.at)
     design = state.of(design)
     if state.baseline is None or state.learnt is None:
         return _learn(state, session, design)
     return _watch(state, state.learnt, state.baseline, session, design)
+
+
+def _first_at(state: DetectorState, at: datetime) -> datetime:
+    """Return when the first session began, as if no silence before this one had been longer than it counts."""
+    if state.first_at is None or state.last_at is None:
+        return at
+    return state.first_at + max(at - state.last_at - LONGEST_SILENCE, timedelta(0))
 
 
 def reset(state: DetectorState) -> DetectorState:

@@ -81,7 +81,8 @@ class DetectorState:
     """Everything the detector remembers. Plain values only: a caller stores it between measurements.
 
     A session is judged from its first measurement on and learnt when it is over: ``before`` are the charts before it,
-    ``charts`` with what it has so far. How often sessions come is counted from the first on, whatever becomes of them.
+    ``charts`` with what it has so far. How often sessions come is counted from the first on, whatever becomes of them;
+    silence counts for a month at most.
     ``learnt`` is what is believed of the healthy axis; ``known`` has learnt the
     sessions, too, that something speaks against, and takes its place when nothing does any more. ``beginnings`` are
     what the sessions that are over say of a loss that lasts.
@@ -90,7 +91,7 @@ class DetectorState:
     status: TrendStatus = TrendStatus.UNKNOWN
     since: datetime | None = None  # when the status was entered
     last_at: datetime | None = None  # latest observation
-    first_at: datetime | None = None  # start of the first session, and ...
+    first_at: datetime | None = None  # start of the first session, later by long silences, and ...
     n_sessions: int = 0  # ... how many began since
     session: Session | None = None  # that is going on
     learning: tuple[Session, ...] = ()  # the baseline as far as it is collected

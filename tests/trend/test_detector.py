@@ -140,6 +140,11 @@ def test_limits_follow_the_rate_at_which_sessions_truly_come():
             state = step(state, Observation(at, float(healthy(rng, 1)[0])), limits)
         assert state.of(limits).sessions_per_year == pytest.approx(pace, rel=0.03)
         assert reset(state).n_sessions == state.n_sessions  # whatever becomes of the charts
+    # a machine that rested for five years is measured as often as before
+    history = run(healthy(rng, 100), limits)
+    rested = step(history[-1], Observation(history[-1].last_at + 1826 * DAY, 300.0), limits)
+    rested = run(healthy(rng, 30), limits, rested)[-1]
+    assert rested.of(limits).sessions_per_year == pytest.approx(365.0 * 130 / 159, rel=0.01)
 
 
 def test_coarse_sisters_do_not_blind_a_young_axis(watching):

@@ -40,9 +40,8 @@ _STATE = StoredRecord(
 _DESIGN = StoredRecord(
     "limits of the charts",
     TypeAdapter(DetectorDesign),
-    version=3,  # a limit for all sessions together
+    version=4,  # the sessions a year that they are for
     remedy="restore the backup, or send the configuration of the axis again, which solves new ones",
-    added=frozenset({"pace"}),
 )
 
 
