@@ -66,7 +66,8 @@ def test_a_healthy_season_gives_baseline_line_and_rate(old: Api) -> None:
 @pytest.mark.release
 def test_an_old_sister_lends_a_young_axis_its_scatter(old: Api) -> None:
     old.calibrate("young")
-    watch(old, "young", np.random.default_rng(4), [300.0] * 10)
+    rng = np.random.default_rng(4)
+    watch(old, "young", rng, (300.0 + 2.0 * rng.standard_normal(10)).tolist())  # as its sister scatters
     lent = history(old, "young")["baseline"]["sisters"]
     assert lent["n_sisters"] == 1
     assert 0.1 < lent["weight_in_scatter"] < 0.9
