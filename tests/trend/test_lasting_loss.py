@@ -279,8 +279,8 @@ def test_few_steps_of_two_standard_deviations_are_missed_in_a_shop(monkeypatch):
         return [axis for axis in range(150) if math.isinf(delay_of("2 σ step in the shop", 20, 941, axis))]
 
     with_all_sessions = missed()
-    whole = false_alarms.limits("shop")
-    monkeypatch.setattr(false_alarms, "limits", lambda row: replace(whole, evidence_limit=math.inf))
+    whole = false_alarms.limits()
+    monkeypatch.setattr(false_alarms, "limits", lambda: replace(whole, evidence_limit=math.inf))
     alone = missed()
     assert len(alone) >= 4
     assert len(with_all_sessions) <= 0.5 * len(alone)
