@@ -322,15 +322,15 @@ def _compared(
     if abs(correlation) >= _FOLLOWS:
         spread = math.sqrt((1.0 - min(correlation**2, 1.0)) / moved.size) / correlation**2
         lag_uncertainty = spread / float(np.sqrt(np.mean(functions.omega**2)))
-        row = _of_trace("the position trace not to lag behind the acceleration")
+        row = _of_trace("the lag of the position trace behind the acceleration", " until it is shifted by as much")
         rows.append(row(1e3 * float(functions.lags[best]), 0.0, 1e3 * (_LAG_TOLERANCE + 3.0 * lag_uncertainty), "ms"))
         row = _of_trace("the sign of the position trace to be that of the motion by torque and acceleration")
         rows.append(row(-1.0 if correlation < 0.0 and work < 0.0 else 1.0, 1.0, 0.0, ""))
     return rows
 
 
-def _of_trace(quantity: str) -> Callable[[float, float, float, str], StatedTwice]:
-    consequence = "the trace is left out, the tag is taken for the position, and friction is not known"
+def _of_trace(quantity: str, until: str = "") -> Callable[[float, float, float, str], StatedTwice]:
+    consequence = f"the trace is left out{until}, the tag is taken for the position, and friction is not known"
     return lambda stated, seen, tolerance, unit: StatedTwice(
         DoubtReason.TRACE_CONTRADICTS_MOTION, quantity, stated, seen, tolerance, unit, consequence
     )

@@ -162,7 +162,7 @@ def influences_of(
     of_days = 1.0 if calibration.between_sessions > 0.0 else 0.0
     k, k_f = calibration.coefficients, calibration.friction
     return OfInfluences(
-        temperature=_temperature(conditions, calibration, amplification * inverse_square, of_days),
+        temperature=_temperature(conditions, calibration, inverse_square, amplification, of_days),
         payload=Influence(at_reference, *_payload(conditions, calibration, mass, of_days)),
         position=Influence(
             amplification * (2.0 * k.k1 * conditions.position + k.k2), of_days * POSITION_TAG, lasting=POSITION_TAG
@@ -186,15 +186,17 @@ def lagging(excess: float) -> float:
     return math.hypot(THERMOMETER, TEMPERATURE_LAG * excess)
 
 
-def _temperature(conditions: Conditions, calibration: Calibration, inverse_square: float, of_days: float) -> Influence:
+def _temperature(
+    conditions: Conditions, calibration: Calibration, inverse_square: float, amplification: float, of_days: float
+) -> Influence:
     k_t, seen = calibration.parameter(TEMPERATURE_COEFFICIENT), calibration.temperature
     if k_t is None or seen is None:  # nothing is corrected, whatever is stated
         spread = of_days * UNSTATED_TEMPERATURE / 3.0**0.5
-        return Influence(UNKNOWN_TEMPERATURE_COEFFICIENT * inverse_square, spread, lasting=spread)
-    sensitivity = math.hypot(k_t.value, k_t.standard_uncertainty)
+        return Influence(amplification * UNKNOWN_TEMPERATURE_COEFFICIENT * inverse_square, spread, lasting=spread)
+    sensitivity = amplification * math.hypot(k_t.value, k_t.standard_uncertainty)
     _, excess = calibration.excess(conditions)
     if conditions.temperature is not None:
-        return Influence(abs(k_t.value), of_days * lagging(excess), lasting=THERMOMETER_OFFSET)
+        return Influence(amplification * abs(k_t.value), of_days * lagging(excess), lasting=THERMOMETER_OFFSET)
     spread = max(UNSTATED_TEMPERATURE, 0.5 * (seen.upper - seen.lower)) / 3.0**0.5
     stated = of_days * lagging(spread)
     not_stated = math.hypot(spread, of_days * THERMOMETER)

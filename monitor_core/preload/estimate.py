@@ -15,7 +15,7 @@ from monitor_core.preload.budget import (
     systematic_uncertainty_between,
     uncertainty_budget,
 )
-from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration
+from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration, ValidRange
 from monitor_core.preload.doubts import (
     TEST_LEVEL,
     PlaceReading,
@@ -32,13 +32,15 @@ from monitor_core.preload.feature import (
     preload_from_feature,
     to_reference,
 )
-from monitor_core.preload.witnesses import Deviation, WitnessName, WitnessValues
+from monitor_core.preload.witnesses import Deviation, Setting, WitnessName, WitnessValues
 from monitor_core.recording import Conditions, Doubt, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate, Interval, IntervalKind
 
 LEVEL = 0.95
 #: A position outside by this share of the calibrated travel still counts as inside: encoders do not repeat exactly.
 POSITION_MARGIN = 0.01
+#: A place farther off the calibrated travel than this is long, and farther than this, is none of the axis [m].
+_FAR_OFF = 1.0
 #: Steps of the fixed point for the friction at the estimated preload; each makes the error smaller tenfold or so.
 _FRICTION_STEPS = 12
 #: A step shorter than this share of the feature ends them: three parts in a million of a preload.
@@ -110,10 +112,10 @@ def estimate_preload(
 
     The frequency is in hertz. A payload or temperature that is not stated is taken as the reference, and the result
     says so; the excitation of the measurement is ``None`` where a table of frequencies does not tell. A frequency is
-    refused if its excitation is not the calibration's, if a payload cannot be corrected, or if it is above what any
-    preload gives; ``OutsideValidityError`` if it is not positive. The upper end of the interval is ``inf`` where no
-    preload is too high to agree with the data (write ``null`` where a format has no infinity); the lower end is 0 where
-    nothing is known.
+    refused if its excitation is not the calibration's, if its place is far off the calibrated travel, if a payload
+    cannot be corrected, or if it is above what any preload gives; ``OutsideValidityError`` if it is not positive. The
+    upper end of the interval is ``inf`` where no preload is too high to agree with the data (write ``null`` where a
+    format has no infinity); the lower end is 0 where nothing is known.
 
     Examples
     --------
@@ -127,8 +129,10 @@ def estimate_preload(
     """
     if not frequency.value > 0.0:
         raise OutsideValidityError(f"frequency must be positive; got {frequency.value} Hz")
-    refusal = _refuse_other_excitation(calibration, excitation_source, excitation_quantity) or _refuse_payload(
-        conditions, calibration
+    refusal = (
+        _refuse_other_excitation(calibration, excitation_source, excitation_quantity)
+        or _refuse_place(conditions.position, calibration.position)
+        or _refuse_payload(conditions, calibration)
     )
     if refusal is not None:
         return refusal
@@ -217,24 +221,24 @@ def without_friction_excess(
     if witness is None or k_f is None:
         return WithoutFriction(feature, None, 0.0, 1.0)
     if torque is None:
-        usual = witness.expected(
-            calibration.setting(conditions, preload_from_feature(feature, calibration.coefficients))
-        )
-        return WithoutFriction(feature, None, usual, 1.0)
+        return WithoutFriction(feature, None, witness.expected(_usual_setting(feature, conditions, calibration)), 1.0)
     k3 = calibration.coefficients.k3
     at, excess, slope = feature, 0.0, 0.0
-    setting = calibration.setting(conditions, calibration.preload.upper)
     for _ in range(_FRICTION_STEPS):
-        # a preload beyond what is calibrated has no usual friction of its own
-        estimated = preload_from_feature(at, calibration.coefficients)
-        preload = min(max(estimated, calibration.preload.lower), _MOST_PRELOAD * calibration.preload.upper)
-        setting = replace(setting, preload=preload)
+        setting = _usual_setting(at, conditions, calibration)
         excess = torque - witness.expected(setting)
         slope = witness.slope_in_theta(setting)
         before, at = at, max(feature - k_f.value * excess, _LEAST_FEATURE * feature)
         if abs(at - before) < _FRICTION_SETTLED * feature:
             break
     return WithoutFriction(at, excess, torque - excess, 1.0 / max(1.0 - k_f.value * slope / k3, 0.2))
+
+
+def _usual_setting(feature: float, conditions: Conditions, calibration: Calibration) -> Setting:
+    """Return where friction is usual: a preload beyond what is calibrated has no usual friction of its own."""
+    estimated, calibrated = preload_from_feature(feature, calibration.coefficients), calibration.preload
+    preload = min(max(estimated, calibrated.lower), _MOST_PRELOAD * calibrated.upper)
+    return calibration.setting(conditions, preload)
 
 
 def _risen(feature: Estimate, conditions: Conditions, calibration: Calibration) -> tuple[Doubt, ...]:
@@ -312,6 +316,18 @@ def _refuse_other_excitation(
             f"the calibration is for excitation source {calibration.excitation_source or 'not stated'}; got {source}",
         )
     return None
+
+
+def _refuse_place(position: float, calibrated: ValidRange) -> Rejection | None:
+    """Refuse a place that Eq. (8) is not carried on to: 2 m for 0.2 m would make a healthy 300 N read about 0 N."""
+    lower, upper = calibrated.lower, calibrated.upper
+    if calibrated.covers(position, margin=max(upper - lower, _FAR_OFF)):
+        return None
+    return Rejection(
+        RejectionReason.OUTSIDE_CALIBRATION,
+        f"expected a position near the calibrated {1e3 * lower:g} to {1e3 * upper:g} mm from the fixed bearing; "
+        f"got {1e3 * position:g} mm",
+    )
 
 
 def _refuse_payload(conditions: Conditions, calibration: Calibration) -> Rejection | None:

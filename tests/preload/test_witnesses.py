@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from monitor_core.preload import Calibration, ModalReading, PreloadEstimate, calibrate, estimate_preload
-from monitor_core.preload.budget import TEMPERATURE_LAG
+from monitor_core.preload.budget import TEMPERATURE_LAG, THERMOMETER
 from monitor_core.preload.doubts import (
     FALSE_DOUBTS,
     TEST_LEVEL,
@@ -244,6 +244,16 @@ def test_preload_above_all_that_were_set_is_in_doubt_unless_it_was_set() -> None
     assert DoubtReason.PRELOAD_RISEN not in [doubt.reason for doubt in stated.doubts]
 
 
+def test_place_far_off_the_calibrated_travel_is_refused_whatever_the_windows_hold() -> None:
+    # a tag in another unit: what noise and friction are usual there is beyond any number
+    rng = np.random.default_rng(1)
+    calibration, made = calibrated(rng), reading(0.4, 300.0, rng)
+    answers = {x: judged(calibration, made, position=x) for x in (1.7, 2.0, 50.0, 550.0, 1e5, -0.8, -1.0, -550.0)}
+    refused = {x for x, answer in answers.items() if isinstance(answer, Rejection)}
+    assert refused == set(answers) - {1.7, -0.8}
+    assert "150 to 750 mm from the fixed bearing; got 550000 mm" in str(answers[550.0])
+
+
 def test_highest_calibrated_preload_is_hardly_ever_a_rise() -> None:
     rng = np.random.default_rng(15)
     risen = [
@@ -444,6 +454,33 @@ def test_payload_between_the_calibrated_ones_is_covered_where_the_mode_bends_wit
     calibration = calibrate(readings, weighting="none", excitation_source=None)
     answers = [judged(calibration, bent(reading(0.4, 300.0, rng, payload=m))) for m in np.linspace(1.0, 9.0, 33)]
     assert np.mean([isinstance(a, PreloadEstimate) and a.interval.covers(300.0) for a in answers]) > 0.9
+
+
+def test_errors_of_temperature_grow_as_those_of_the_frequency_do_where_friction_follows_the_preload() -> None:
+    rng = np.random.default_rng(11)
+    calibration = calibrate(
+        [replace(r, conditions=replace(r.conditions, temperature=20.0)) for r in
+         (reading(x, p, rng) for x in POSITIONS for p in PRELOADS)],
+        weighting="none", excitation_source=None, temperature_coefficient=Estimate(1e-8, 0.0), between_sessions=3e-4,
+    )  # fmt: skip
+    made = reading(0.4, 300.0, rng)
+
+    def feature(frequency: float) -> float:
+        answer = estimate_preload(
+            Estimate(frequency, 0.005), Conditions(0.4, 0.0, 20.0), calibration, witnesses=made.witnesses
+        )
+        assert isinstance(answer, PreloadEstimate)
+        return answer.feature.value
+
+    step = 1e-3
+    grown = (feature(made.frequency - step) - feature(made.frequency + step)) / (
+        (made.frequency - step) ** -2.0 - (made.frequency + step) ** -2.0
+    )
+    assert grown > 1.05
+    answer = judged(calibration, made, temperature=20.0)
+    assert isinstance(answer, PreloadEstimate)
+    of_temperature = math.sqrt(answer.shares.temperature) * answer.feature.standard_uncertainty
+    assert of_temperature == pytest.approx(grown * 1e-8 * THERMOMETER, rel=0.01)
 
 
 def test_structure_that_lags_behind_its_thermometer_widens() -> None:
