@@ -125,7 +125,10 @@ def if_stated_in_words(ends: Ends, if_stated: Iterable[tuple[Sequence[str], Ends
 
 def _half(ends: Ends) -> str:
     lower, upper = ends
-    return "open upwards" if lower is None or upper is None else f"± {(upper - lower) / 2.0:.3g} N"
+    if lower is None or upper is None:
+        return "open upwards"
+    half = (upper - lower) / 2.0
+    return f"± {half:.0f} N" if half >= 100.0 else f"± {half:.3g} N"
 
 
 #: What the shares of a variance are, for a person; a share that is not named here is shown by its key.

@@ -1,6 +1,7 @@
 """The pages say what the axis says, load nothing from outside, and show the paper's rule by name."""
 
 import re
+from dataclasses import replace
 from datetime import timedelta
 
 import httpx
@@ -43,6 +44,8 @@ def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> N
     assert "What the last interval is made of" in page
     assert "95 % coverage interval of" in page
     assert "what another day changes" in page
+    # as later measurements are judged, with the friction of its windows
+    assert "friction-torque" in [witness["name"] for witness in fitted["document"]["witnesses"]]
     assert f"None in force: number {fitted['id']} is stored." in stored
     assert fleet.index("Axis X") < fleet.index("calibration")  # worst first
     for text in (page, fleet):
@@ -54,14 +57,21 @@ def test_a_picture_is_drawn_anew_when_what_it_shows_has_changed(tmp_path) -> Non
     rng, lubricated = np.random.default_rng(4), 'class="event work"'
     with running_service(tmp_path) as api:
         api.register("axis", windows_per_measurement=2, minimum_averages=2)
-        api.calibrate("axis")
+        path = "/v1/axes/axis/calibrations"
+        document = api.http.get(f"{path}/{api.calibrate('axis')}").json()["document"]
+        document["between_sessions_relative"] = 3e-4
+        number = api.http.post(path, json={"document": document, "comment": "of one session"}).json()["id"]
+        assert api.http.post(f"{path}/{number}/activate", json={"reason": "test"}).is_success
         for number in (1, 2, 3):
             at = START + timedelta(days=number)
-            api.accept("axis", simulated_measurement(rng, f"m{number}", n_windows=2, started_at=at))
+            windows = simulated_measurement(rng, f"m{number}", n_windows=2, started_at=at)
+            api.accept("axis", [replace(w, conditions=replace(w.conditions, payload_mass=None)) for w in windows])
             pages = [api.http.get("/axes/axis").text for _ in range(2)]
             marks = [sorted(set(re.findall(r'measurements/(\d+)" tabindex', page))) for page in pages]
             assert marks == [[str(n) for n in range(1, number + 1)]] * 2
         assert lubricated not in pages[-1]
+        for page in (pages[-1], api.http.get(f"/axes/axis/measurements/{marks[-1][-1]}").text):
+            assert re.search(r'<span lang="en"[^>]*>± [\d.]+ N; with the payload ± [\d.]+ N\.</span>', page)
         entry = {"at": (START + timedelta(days=2)).isoformat(), "who": "Anna", "kind": "lubricated"}
         assert api.http.post("/v1/axes/axis/maintenance", json=entry).status_code == 201
         page = api.http.get("/axes/axis").text
