@@ -80,7 +80,8 @@ def _renew(connection: Connection, axis_id: str) -> None:
         epoch_after=since,  # of the epochs before it nothing is folded again
     )
     calibration = CalibrationsInForce().of(connection, axis)
-    folded = fold_from(connection, axis, charts, since, calibration, keep_points=is_outdated(before))
+    said = before.monitor_state is not None and is_outdated(before)  # charts that know nothing have said nothing
+    folded = fold_from(connection, axis, charts, since, calibration, keep_points=said)
     let_alarms_stand(connection, axis, folded)
     intake.save_charts(connection, axis, before, _since_then(folded.charts, before))
     log.info("the charts of axis '%s' are of this version now", axis_id)
