@@ -81,10 +81,11 @@ def test_rate_and_times_are_compared_but_for_windows_that_overlap(healthy: Truth
 
 def test_samples_of_a_trace_that_are_no_numbers_refuse_their_window(healthy: Truth) -> None:
     window = healthy.session.windows[0]
-    broken = traced(lambda x, w: np.where(np.arange(x.size) == 7, np.nan, x))(window)
-    refusal = check_window(broken, SETTINGS, None)
-    assert isinstance(refusal, Rejection)
-    assert refusal.reason is RejectionReason.NOT_FINITE
+    for missing in (slice(7, 8), slice(None)):
+        broken = traced(lambda x, w, at=missing: np.where(np.isin(np.arange(x.size), np.arange(x.size)[at]), np.nan, x))
+        refusal = check_window(broken(window), SETTINGS, None)
+        assert isinstance(refusal, Rejection)
+        assert refusal.reason is RejectionReason.NOT_FINITE
 
 
 def test_units_are_recognised_by_their_factor() -> None:

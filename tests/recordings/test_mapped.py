@@ -196,7 +196,6 @@ REFUSED_FILES = {
     ),
     "windows_in of a plain channel": (MAP + 'windows_in = "rows"\n', {}, "expected a two-dimensional array"),
     "a negative payload": (MAP + "payload_kg = -1\n", {}, "payload_mass must not be negative; got -1.0 kg"),
-    "a position that is no number": (WITH_POSITION, {"x": np.full(6, np.nan)}, "position must be finite; got nan m"),
 }  # fmt: skip
 
 
