@@ -116,7 +116,8 @@ class StatedTwice:
     tolerance: float  # a larger difference is a contradiction
     unit: str
     consequence: str  # what is done where they contradict
-    of_trace: bool = True  # whether a position trace that contradicts is not believed
+    leaves_trace: bool = False  # where they contradict
+    takes_seen: bool = False  # in place of what is stated, where they contradict
 
     @property
     def contradiction(self) -> Doubt | None:
@@ -156,12 +157,12 @@ def cross_checked(windows: Sequence[Window], below: float) -> CrossChecked:
     position of a window whose tag lies off the travel: it is measured where a tag is typed.
     """
     rows = [_duration(windows), *_motion(windows, below)]
-    if any(row.contradiction for row in rows if row is not None and row.of_trace):
+    if any(row.contradiction for row in rows if row is not None and row.leaves_trace):
         windows = [replace(window, position_trace=None) for window in windows]
     places = [_position(window) for window in windows]
     believed = tuple(
         replace(window, conditions=replace(window.conditions, position=1e-3 * row.seen))
-        if row is not None and row.contradiction and _ONE_TURN < 1e-3 * row.seen < _LONGEST_AXIS
+        if row is not None and row.takes_seen and row.contradiction
         else window
         for window, row in zip(windows, places, strict=True)
     )
@@ -192,6 +193,7 @@ def _position(window: Window) -> StatedTwice | None:
         "the trace is taken for the position"
         if is_place
         else "no nut is there, the trace may count within one turn of the screw: the tag is taken for the position",
+        takes_seen=is_place,
     )
 
 
@@ -215,7 +217,6 @@ def _duration(windows: Sequence[Window]) -> StatedTwice | None:
         tolerance,
         "s",
         "the sampling rate is taken as stated, and every frequency with it",
-        of_trace=False,
     )
 
 
@@ -332,5 +333,5 @@ def _compared(
 def _of_trace(quantity: str, until: str = "") -> Callable[[float, float, float, str], StatedTwice]:
     consequence = f"the trace is left out{until}, the tag is taken for the position, and friction is not known"
     return lambda stated, seen, tolerance, unit: StatedTwice(
-        DoubtReason.TRACE_CONTRADICTS_MOTION, quantity, stated, seen, tolerance, unit, consequence
+        DoubtReason.TRACE_CONTRADICTS_MOTION, quantity, stated, seen, tolerance, unit, consequence, leaves_trace=True
     )

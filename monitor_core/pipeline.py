@@ -28,7 +28,7 @@ from monitor_core.preload import (
     systematic_uncertainty_between,
     with_history,
 )
-from monitor_core.preload.budget import TEMPERATURE_LAG, THERMOMETER_OFFSET, lagging
+from monitor_core.preload.budget import THERMOMETER_OFFSET, lagging
 from monitor_core.preload.doubts import PlaceReading, Places
 from monitor_core.preload.drag_torque import Friction, estimate_friction
 from monitor_core.preload.estimate import place_reading
@@ -388,7 +388,7 @@ def scatter_with_history(
         _, excess = calibration.excess(conditions)
         changed = min(abs(conditions.temperature - before), abs(excess))
         k_t = calibration.influence.temperature
-        variance -= k_t**2 * (lagging(excess) ** 2 - math.hypot(THERMOMETER_OFFSET, TEMPERATURE_LAG * changed) ** 2)
+        variance -= k_t**2 * (lagging(excess) ** 2 - lagging(changed, THERMOMETER_OFFSET) ** 2)
     known = math.sqrt(max(variance, 0.0))
     months = (baseline.ended_at - baseline.started_at) / LASTING
     dof = baseline.degrees_of_freedom if baseline.scatter > known else min(months, baseline.degrees_of_freedom)

@@ -1,6 +1,7 @@
 """Estimate the preload (ISO 13374: HA): its feature, the calibration, newtons with a coverage interval."""
 
 from monitor_core.preload.budget import (
+    SHOWN_BY_SESSIONS as SHOWN_BY_SESSIONS,
     VarianceShares as VarianceShares,
     excess_variance_of as excess_variance_of,
     systematic_uncertainty_between as systematic_uncertainty_between,

@@ -50,6 +50,16 @@ class OfInfluences(Generic[Of]):
     excitation_level: Of
     sensor_gain: Of
 
+    @property
+    def by_name(self) -> dict[str, Of]:
+        """The entries by the names of their quantities."""
+        return {name: getattr(self, name) for name in OfInfluences.__slots__}
+
+
+#: The quantities whose changes the sessions of an axis show by their scatter: a payload is another one in every
+#: session, or the same in all.
+SHOWN_BY_SESSIONS = tuple(name for name in OfInfluences.__slots__ if name != "payload")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VarianceShares(OfInfluences[float]):
@@ -181,9 +191,12 @@ def influences_of(
     )
 
 
-def lagging(excess: float) -> float:
-    """Return the standard uncertainty of a structure's temperature so far from the calibration's, both in kelvin."""
-    return math.hypot(THERMOMETER, TEMPERATURE_LAG * excess)
+def lagging(change: float, thermometer: float = THERMOMETER) -> float:
+    """Return the standard uncertainty of the temperature of a structure that follows a change, all in kelvin.
+
+    The change is that from the calibration's temperature, unless a later one is known that the structure had.
+    """
+    return math.hypot(thermometer, TEMPERATURE_LAG * change)
 
 
 def _temperature(
@@ -265,15 +278,14 @@ class UncertaintyBudget:
     @property
     def random(self) -> float:
         """Variance that is new in every measurement, or in every session."""
-        of_influences = sum(getattr(self.influences, name).variance for name in OfInfluences.__slots__)
+        of_influences = sum(influence.variance for influence in self.influences.by_name.values())
         return float(self.frequency + self.reproducibility + of_influences)
 
     @property
     def shown(self) -> float:
         """Variance that the sessions of an axis show by their scatter, each the mean of its measurements."""
-        # a payload is another one in every session, or the same in all
-        of = [getattr(self.influences, name).shown for name in OfInfluences.__slots__ if name != "payload"]
-        return float(sum(of))
+        influences = self.influences.by_name
+        return float(sum(influences[name].shown for name in SHOWN_BY_SESSIONS))
 
     @property
     def total(self) -> float:
@@ -288,8 +300,8 @@ class UncertaintyBudget:
     @property
     def unstated(self) -> tuple[str, ...]:
         """The quantities that nobody has stated and that widen the interval."""
-        entries = {name: getattr(self.influences, name) for name in OfInfluences.__slots__}
-        return tuple(name for name, entry in entries.items() if entry.were_it_stated is not None and entry.variance)
+        entries = self.influences.by_name.items()
+        return tuple(name for name, entry in entries if entry.were_it_stated is not None and entry.variance)
 
     def with_stated(self, names: Iterable[str]) -> "UncertaintyBudget":
         """Return the budget as it would be if these quantities were stated."""
@@ -303,8 +315,8 @@ class UncertaintyBudget:
         total = self.total or 1.0
         of_parameters = {name: self.parameters.get(parameter, 0.0) for name, parameter in _PARAMETERS.items()}
         of_influences = {
-            name: (getattr(self.influences, name).variance + of_parameters.get(name, 0.0)) / total
-            for name in OfInfluences.__slots__
+            name: (influence.variance + of_parameters.get(name, 0.0)) / total
+            for name, influence in self.influences.by_name.items()
         }
         return VarianceShares(
             frequency=self.frequency / total,

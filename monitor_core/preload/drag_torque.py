@@ -83,7 +83,7 @@ def estimate_friction(windows: Sequence[Window]) -> Friction | Rejection:
 
 
 def _is_of_friction(
-    torque: Estimate, drag: DragTorque | Rejection, windows: Sequence[Window], velocities: Sequence[FloatArray | None]
+    torque: Estimate, drag: DragTorque, windows: Sequence[Window], velocities: Sequence[FloatArray | None]
 ) -> bool:
     """Tell whether the work of all moves is that of the friction: not of a delay, as far as the drag torque tells."""
     moved = [(window, velocity) for window, velocity in zip(windows, velocities, strict=True) if velocity is not None]
@@ -91,7 +91,7 @@ def _is_of_friction(
     path = sum(float(np.abs(velocity).sum()) for _, velocity in moved)
     if _TOGETHER * of_delay > _SMALL * abs(torque.value) * path:
         return False
-    if isinstance(drag, Rejection) or abs(drag.drag.value) < _WELL_KNOWN * drag.drag.standard_uncertainty:
+    if abs(drag.drag.value) < _WELL_KNOWN * drag.drag.standard_uncertainty:
         return True
     return 1.0 / _AGREES < torque.value / drag.drag.value < _AGREES
 

@@ -8,16 +8,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import scipy
 
-from monitor_core.trend.belief import (
-    STRUCTURES,
-    Belief,
-    Prior,
-    bank_of,
-    begin,
-    healthy_value,
-    learnt_from,
-    reopened,
-)
+from monitor_core.trend.belief import STRUCTURES, Belief, Prior, bank_of, begin, healthy_value, learnt_from, reopened
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Interval, IntervalKind
 

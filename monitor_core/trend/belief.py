@@ -180,6 +180,7 @@ class Prediction:
     centre: FloatArray  # (n_structures,), from the zero of the belief
     zero: float
     decay: FloatArray  # of the autoregression since the session before, (n_structures,)
+    lubricated: bool  # so it looks: the level is open to it
 
     @property
     def scale(self) -> FloatArray:
@@ -264,20 +265,20 @@ def predict(belief: Belief, session: Session) -> Prediction:
     bank.covariance[:, -1, :] *= decay[:, None]
     bank.covariance[:, :, -1] *= decay[:, None]
     bank.covariance[:, -1, -1] += _SHARE * (1.0 - decay**2)
-    if _looks_lubricated(belief, session):
+    lubricated = _looks_lubricated(belief, session)
+    if lubricated:
         bank.covariance[:, 0, 0] += LUBRICATION**2
 
     design, unknown = _design(belief, session)
     cross = bank.covariance @ design
     noise = _noise(belief, bank, session)
     spread = cross @ design + 1.0 - _SHARE + noise + _of_unknown(bank, unknown)
-    return Prediction(bank, design, cross, spread, noise, bank.mean @ design, belief.zero, decay)
+    return Prediction(bank, design, cross, spread, noise, bank.mean @ design, belief.zero, decay, lubricated)
 
 
 def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
     """Learn a session, of which no more than :data:`LARGEST_LESSON` standard deviations are believed."""
-    bank, scale, gain = prediction.bank, prediction.scale, prediction.gain
-    lubricated = _looks_lubricated(belief, session)
+    bank, scale, gain, lubricated = prediction.bank, prediction.scale, prediction.gain, prediction.lubricated
     error = prediction.error(session.value)
     believed = np.clip(error, -LARGEST_LESSON * scale, LARGEST_LESSON * scale)
     learnt = Bank(
@@ -327,7 +328,7 @@ def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belie
         numbers=followed.numbers(),
         latest_temperature=session.temperature,
         latest_friction=session.friction_torque,
-        lubricated_at=session.started_at if _looks_lubricated(belief, session) else belief.lubricated_at,
+        lubricated_at=session.started_at if prediction.lubricated else belief.lubricated_at,
     )
 
 

@@ -13,6 +13,7 @@ from pydantic import (
     field_validator,
 )
 
+from monitor_core.preload import SHOWN_BY_SESSIONS
 from monitor_core.recording import Conditions, DoubtReason
 from monitor_core.recordings.elements.units import metres
 from service.documents.measurement import (
@@ -164,16 +165,13 @@ def _added(measured: StoredMeasurement, point: "TrendPoint") -> dict[str, object
     return added
 
 
-#: Shares of what the sessions of an axis show by their scatter.
-_SHOWN = ("between_session", "temperature", "friction", "lubrication", "position")
-
-
 def _shares_with(shares: dict[str, float], excess: float) -> dict[str, float]:
     """Return shares of a variance that is larger or smaller by so much of itself, as sessions have shown."""
-    shown = sum(shares.get(name, 0.0) for name in _SHOWN)
+    shown = sum(shares.get(name, 0.0) for name in SHOWN_BY_SESSIONS)
     if excess > 0.0:
         changed = {"between_session": shares.get("between_session", 0.0) + excess}
     else:
-        changed = {name: shares[name] * max(1.0 + excess / shown, 0.0) for name in _SHOWN if shares.get(name)}
+        left = max(1.0 + excess / shown, 0.0) if shown else 0.0
+        changed = {name: shares[name] * left for name in SHOWN_BY_SESSIONS if name in shares}
     new = shares | changed
     return {name: share / sum(new.values()) for name, share in new.items()}
