@@ -8,7 +8,7 @@ that vanishes with its slope at both ends of a window, integration by parts leav
 
 (the weak form: Messenger & Bortz, Multiscale Model. Simul. 19 (2021) 1474), so that nothing drifts as an acceleration
 does that is integrated twice. Over some frequencies well below the mode, where the table follows the screw, one
-regression gives sign, scale and lag of the trace.
+regression gives scale and lag of the trace.
 """
 
 import math
@@ -287,9 +287,8 @@ def _motion(windows: Sequence[Window], below: float) -> list[StatedTwice]:
     moved = (traces - traces.mean(axis=1, keepdims=True)) @ functions.second_derivative
     accelerated = np.array([w.response for w in windows]) @ functions.plain
     driven = np.array([w.excitation for w in windows], dtype=np.float64)
-    along = float(np.sum((driven[:, 1:] - driven.mean(axis=1, keepdims=True)) * np.diff(traces, axis=1)))
     torque, duration = driven @ functions.plain, first.n_samples / first.sample_rate
-    return _compared(moved, accelerated, torque, work=along, functions=functions, duration=duration)
+    return _compared(moved, accelerated, torque, functions=functions, duration=duration)
 
 
 def _compared(
@@ -297,11 +296,13 @@ def _compared(
     accelerated: ComplexArray,
     driven: ComplexArray,
     *,
-    work: float,
     functions: _TestFunctions,
     duration: float,
 ) -> list[StatedTwice]:
-    """Return the rows of sign, scale and lag, of motions and torques by test functions, shape (n_windows, n)."""
+    """Return the rows of scale and lag, of motions and torques by test functions, shape (n_windows, n).
+
+    The sign says nothing: position counts from the fixed bearing, torque and acceleration either way.
+    """
     to_motion = math.sqrt(2.0 / len(moved)) / (0.375 * duration)  # 3/8: mean of the taper
     of_trace, of_acceleration = (
         to_motion * float(np.linalg.norm(each / functions.omega**2)) for each in (moved, accelerated)
@@ -325,8 +326,6 @@ def _compared(
         lag_uncertainty = spread / float(np.sqrt(np.mean(functions.omega**2)))
         row = _of_trace("the lag of the position trace behind the acceleration", " until it is shifted by as much")
         rows.append(row(1e3 * float(functions.lags[best]), 0.0, 1e3 * (_LAG_TOLERANCE + 3.0 * lag_uncertainty), "ms"))
-        row = _of_trace("the sign of the position trace to be that of the motion by torque and acceleration")
-        rows.append(row(-1.0 if correlation < 0.0 and work < 0.0 else 1.0, 1.0, 0.0, ""))
     return rows
 
 

@@ -46,6 +46,9 @@ def test_windows_that_agree_are_not_doubted(healthy: Truth) -> None:
         "a trace that is a sample late": late(1),
         "an accelerometer mounted the other way round": lambda w: replace(w, response=-w.response),
         "torque counted the other way round": lambda w: replace(w, excitation=-w.excitation),
+        # positive towards the fixed bearing, from which positions count: as of half of all axes
+        "both counted the other way round": lambda w: replace(w, response=-w.response, excitation=-w.excitation),
+        "a trace counted the other way round": traced(lambda x, w: x.min() + x.max() - x),
         "no trace": lambda w: replace(w, position_trace=None),
     }
     for what, change in agreeing.items():
