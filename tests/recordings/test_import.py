@@ -65,6 +65,24 @@ def test_what_fills_no_window_is_left_out_and_said(tmp_path):
     assert left.why == "they make no whole window of 150 samples"
 
 
+def test_numbers_of_the_file_are_used_where_the_map_names_them(tmp_path):
+    force, acc = noise()
+    text = MAP.replace("sample_rate_hz = 1000", 'sample_rate_hz = "fs"') + 'samples_per_window = "nrofs"\n'
+    for number, (rate, period) in enumerate(((2000.0, 100), (5000.0, 40))):  # one map for both
+        numbers = {"fs": rate, "nrofs": np.uint16(period)}
+        made = imported(saved(tmp_path, f"{number}.npz", force=force, acc=acc, **numbers), text)
+        assert {(window.sample_rate, window.n_samples) for window in made.session.windows} == {(rate, period)}
+        assert len(made.session.windows) == 400 // period
+    step = saved(tmp_path, "step.npz", force=force, acc=acc, dt=0.0005, nrofs=100)
+    made = imported(step, text.replace('"fs"', '"dt"'))
+    assert made.session.windows[0].sample_rate == pytest.approx(2000.0)
+    named = "expected a positive number 'fs', which sample_rate_hz of the map names; got none of that name"
+    assert named in refusal(step, text)
+    broken = saved(tmp_path, "broken.npz", force=force, acc=acc, fs=2000.0, nrofs=12.5)
+    whole = "expected a whole number 'nrofs', which samples_per_window of the map names; got 12.5"
+    assert whole in refusal(broken, text)
+
+
 @pytest.mark.parametrize(("word", "turn"), [("row", np.asarray), ("column", np.transpose)])
 def test_rows_and_columns_of_an_array_are_channels(tmp_path, word, turn):
     table = np.vstack([np.arange(400) / 1000.0, noise()])

@@ -178,7 +178,7 @@ def test_breaks_of_a_channel_are_said():
 # ---- what it looks like -------------------------------------------------------------------------------------------
 
 NAMES = {
-    "Drive/Current": (ChannelKind.TORQUE, None),
+    "Drive/Current": (ChannelKind.CURRENT, None),
     "Nut/Acceleration": (ChannelKind.ACCELERATION, None),
     "fActTorque": (ChannelKind.TORQUE, None),
     "MAIN.Axis1.ActPos": (ChannelKind.POSITION, None),
@@ -191,11 +191,18 @@ NAMES = {
     "MotorTorque_Nm": (ChannelKind.TORQUE, "N.m"),
     "acc_m_s2": (ChannelKind.ACCELERATION, "m/s2"),
     "Beschleunigung": (ChannelKind.ACCELERATION, None),
-    "Velocity [mm/s]": (None, "mm/s"),
+    "Velocity [mm/s]": (ChannelKind.VELOCITY, "mm/s"),
+    "actual/velocity_mm_s": (ChannelKind.VELOCITY, "mm/s"),
+    "speed_rpm": (ChannelKind.SPEED, "rev/min"),
+    "Drehzahl [1/min]": (ChannelKind.SPEED, "rev/min"),
+    "theta_m": (ChannelKind.ANGLE, None),
+    "phi_deg": (ChannelKind.ANGLE, "deg"),
+    "iq_ad": (ChannelKind.CURRENT, None),
+    "Linear scale [nm]": (ChannelKind.POSITION, "nm"),
     "axis_a": (None, None),
     "torque_a": (ChannelKind.TORQUE, None),  # of the axis A
     "force_v": (ChannelKind.FORCE, None),
-    "motor_current_a": (ChannelKind.TORQUE, "A"),
+    "motor_current_a": (ChannelKind.CURRENT, "A"),
     "torque_mv": (ChannelKind.TORQUE, "mV"),
     "temperature_c": (None, None),
     "a / (m/s²)": (None, "m/s2"),
@@ -217,6 +224,24 @@ def test_names_say_what_a_channel_measures(subtests):
     for name, case in NAMES.items():
         with subtests.test(name=name):
             assert (kind_of_name(name), unit_in_name(name)) == case
+
+
+def test_a_unit_says_of_a_name_what_turns_and_what_is_a_current(subtests):
+    still = np.sin(60.0 * TIME)
+    for name, unit, kind in (
+        ("Motor position", "deg", ChannelKind.ANGLE),
+        ("Motor position", "mm", ChannelKind.POSITION),
+        ("nact", "1/min", ChannelKind.SPEED),
+        ("omega", "rad/s", ChannelKind.SPEED),
+        ("Velocity", "rpm", ChannelKind.SPEED),
+        ("Velocity", "m/min", ChannelKind.VELOCITY),
+        ("Torque", "A", ChannelKind.CURRENT),
+        ("Current", "N.m", ChannelKind.TORQUE),
+        ("Torque", "%", ChannelKind.TORQUE),
+    ):
+        with subtests.test(name=name, unit=unit):
+            summary = summary_of(Channel(name, still, unit))
+            assert (summary.kind, [doubt for doubt in summary.doubts if unit != "%"]) == (kind, [])
 
 
 def test_a_column_without_a_name_that_rises_evenly_looks_like_a_time():

@@ -29,7 +29,11 @@ class Quantity(StrEnum):
     TORQUE = "torque"
     FORCE = "force"
     ACCELERATION = "acceleration"
+    VELOCITY = "velocity"
     POSITION = "position"
+    ANGLE = "motor-angle"
+    SPEED = "motor-speed"
+    CURRENT = "current"
     TIME = "time"
 
 
@@ -64,6 +68,8 @@ _WORDS = {
     "turns": "rev", "increments": "count", "inc": "count", "digits": "count", "lsb": "count", "rpm": "rev/min",
     "turn": "rev", "°c": "K", "degc": "K", "celsius": "K", "day": "d", "days": "d",
 }  # fmt: skip
+#: Turns by the minute, as drives write them without saying what turns, in small letters and without blanks.
+_TURNS_BY_MINUTE = frozenset(("1/min", "min-1", "min^-1", "u/min", "upm"))
 _SIGNS = str.maketrans({
     "²": "2", "³": "3", "·": ".", "⋅": ".", "*": ".", "µ": "u", "μ": "u", "−": "-", "⁻": "-", "¹": "1",
 })  # fmt: skip
@@ -113,6 +119,8 @@ def unit_of(text: str | None) -> Unit | None:
 
 @lru_cache(maxsize=1024)
 def _spelt(text: str) -> Unit | None:
+    if re.sub(r"\s", "", text.translate(_SIGNS)).lower() in _TURNS_BY_MINUTE:
+        return _spelt("rev/min")
     tokens = _tokens(text)
     unit = None if tokens is None else _read(tokens)
     if unit is None and _SHARE_OF.match(text) is not None:
@@ -199,7 +207,11 @@ _CUSTOMARY = {
     Quantity.TORQUE: ("N.m", "mN.m", "N.mm", "N.cm", "kN.m", "lbf.in", "lbf.ft", "ozf.in"),
     Quantity.FORCE: ("N", "mN", "daN", "kN", "lbf", "kgf"),
     Quantity.ACCELERATION: ("m/s2", "mm/s2", "g", "mg", "in/s2"),
+    Quantity.VELOCITY: ("m/s", "mm/s", "um/s", "m/min", "mm/min", "in/s"),
     Quantity.POSITION: ("m", "mm", "um", "nm", "in"),
+    Quantity.ANGLE: ("rad", "mrad", "deg", "rev"),
+    Quantity.SPEED: ("rad/s", "deg/s", "rev/s", "rev/min"),
+    Quantity.CURRENT: ("A", "mA"),
     Quantity.TIME: ("s", "ms", "us", "ns", "min", "h", "d"),
 }
 #: Factor to SI of the customary ones; the first is the unit of SI.
@@ -227,7 +239,7 @@ def si_unit(quantity: Quantity) -> str:
 
 
 def quantity_of_unit(text: str | None) -> Quantity | None:
-    """Return the quantity that a unit belongs to; None for raw units and those that are not known here."""
+    """Return the quantity that a unit belongs to; None for those of none, and those that are not known here."""
     unit = unit_of(text)
     return next((q for q in Quantity if unit is not None and _known(si_unit(q)).powers == unit.powers), None)
 
@@ -252,8 +264,8 @@ def factor_to_si(unit: str, quantity: Quantity, where: str) -> float:
     if (factor := factor_to(si_unit(quantity), unit)) is not None:
         return factor
     other = quantity_of_unit(unit)
-    hint = "; a raw unit needs sensitivity and sensitivity_unit" if is_raw(unit) else ""
-    hint = f", a unit of {other}" if other is not None else hint
+    hint = f", a unit of {other}" if other is not None else ""
+    hint += "; a raw unit needs sensitivity and sensitivity_unit" if is_raw(unit) else ""
     raise RecordingFormatError(
         f"{where}: expected a unit of {quantity} ({', '.join(_CUSTOMARY[quantity])}); got {unit!r}{hint}"
     )

@@ -23,17 +23,28 @@ class ChannelKind(StrEnum):
     TORQUE = "torque"
     FORCE = "force"
     ACCELERATION = "acceleration"
+    VELOCITY = "velocity"
     POSITION = "position"
+    ANGLE = "motor-angle"
+    SPEED = "motor-speed"
+    CURRENT = "current"
     TIME = "time"
     FREQUENCY = "frequency"
 
 
+#: What drives an axis, and what holds one value while the axis stands.
+DRIVES = (ChannelKind.TORQUE, ChannelKind.FORCE, ChannelKind.CURRENT)
+STANDING = (ChannelKind.POSITION, ChannelKind.ANGLE, ChannelKind.VELOCITY, ChannelKind.SPEED)
+
 #: How words in the name of a channel begin, in the languages of controls and loggers; the first kind that fits counts.
 _BEGINNINGS: dict[ChannelKind | None, tuple[str, ...]] = {
-    None: ("veloc", "speed", "geschw", "vitesse", "rpm", "drehzahl", "temp", "volt", "spann", "status", "phase"),
+    None: ("temp", "volt", "spann", "status", "phase"),
+    ChannelKind.SPEED: ("rpm", "drehzahl"),
+    ChannelKind.VELOCITY: ("veloc", "speed", "geschw", "vitesse"),
     ChannelKind.ACCELERATION: ("acc", "beschl", "vibr", "schwing"),
     ChannelKind.TORQUE: ("torq", "trq", "drehmo", "moment", "couple", "coppia"),
     ChannelKind.FORCE: ("forc", "kraft", "hammer", "impact", "impuls", "loadcell", "forza"),
+    ChannelKind.ANGLE: ("theta", "angle", "winkel", "phi", "rotor"),
     ChannelKind.POSITION: (
         "pos", "lage", "weg", "displ", "encod", "travel", "stroke", "geber", "scale", "maßst", "massst", "règle",
         "regle",
@@ -41,23 +52,33 @@ _BEGINNINGS: dict[ChannelKind | None, tuple[str, ...]] = {
     ChannelKind.FREQUENCY: ("freq", "hz"),
     ChannelKind.TIME: ("time", "zeit", "elapsed"),
 }  # fmt: skip
-#: A drive's current stands for its torque, where no other word says what is current ("current position").
+#: A current, where no other word says what is current ("current position").
 _CURRENT = ("current", "strom", "courant", "ampere", "iq")
 #: Whole names that people give.
 _WHOLE = {
     "a": ChannelKind.ACCELERATION, "ax": ChannelKind.ACCELERATION, "ay": ChannelKind.ACCELERATION,
     "az": ChannelKind.ACCELERATION, "f": ChannelKind.FORCE, "fx": ChannelKind.FORCE, "fy": ChannelKind.FORCE,
-    "fz": ChannelKind.FORCE, "m": ChannelKind.TORQUE, "tq": ChannelKind.TORQUE, "i": ChannelKind.TORQUE,
+    "fz": ChannelKind.FORCE, "m": ChannelKind.TORQUE, "tq": ChannelKind.TORQUE, "i": ChannelKind.CURRENT,
     "t": ChannelKind.TIME,
     "sec": ChannelKind.TIME, "seconds": ChannelKind.TIME, "sek": ChannelKind.TIME,
 }  # fmt: skip
+#: What a unit says of a name that leaves it open, or says it loosely: a "torque" in A is the current that makes it.
+_SAID_BY_UNIT = frozenset((
+    (ChannelKind.POSITION, ChannelKind.ANGLE), (ChannelKind.VELOCITY, ChannelKind.SPEED),
+    (ChannelKind.TORQUE, ChannelKind.CURRENT), (ChannelKind.CURRENT, ChannelKind.TORQUE),
+    (ChannelKind.SPEED, ChannelKind.VELOCITY),
+))  # fmt: skip
 _PLANNED = re.compile(r"set|soll|target|ref|c(omman|m)d|error|fehler|nom", re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
-_ENDING = re.compile(r"[_ ]((?:[a-zA-Z]+\d?)(?:_s2|ps2|/s2|/s\^2|/s²)?)$")
+_ENDING = re.compile(
+    r"[_ ]((?:m|mm|um|in|rad|deg|rev)[_/](?:s|min)|(?:[a-zA-Z]+\d?)(?:_s2|ps2|/s2|/s\^2|/s²)?)$", re.IGNORECASE
+)
 #: Units as names of columns spell them, in small letters.
 _IN_NAMES = {
     "mnm": "mN.m", "ncm": "N.cm", "knm": "kN.m", "n": "N", "kn": "kN", "mm_s2": "mm/s2", "m_s2": "m/s2",
-    "m_per_s2": "m/s2", "v": "V", "mv": "mV", "a": "A", "ma": "mA", "hz": "Hz", "khz": "kHz",
+    "m_per_s2": "m/s2", "mm_s": "mm/s", "m_s": "m/s", "um_s": "um/s", "mm_min": "mm/min", "m_min": "m/min",
+    "rad_s": "rad/s", "deg_s": "deg/s", "rev_s": "rev/s", "rev_min": "rev/min",
+    "v": "V", "mv": "mV", "a": "A", "ma": "mA", "hz": "Hz", "khz": "kHz",
 }  # fmt: skip
 #: Units at the end of a name that are more often words.
 _WORDS = frozenset(("in", "rev", "min", "h", "count", "K", "W"))
@@ -85,7 +106,7 @@ def kind_of_name(name: str) -> ChannelKind | None:
             if any(word.startswith(beginnings) for word in words):
                 return kind
         if _is_current(part):
-            return ChannelKind.TORQUE
+            return ChannelKind.CURRENT
     return None
 
 
@@ -94,14 +115,17 @@ def _is_current(name: str) -> bool:
 
 
 def kind_of_unit(unit: str | None) -> ChannelKind | None:
-    """Return what a unit belongs to; a current is taken for a torque, a voltage for nothing."""
-    canonical = canonical_unit(unit)
-    if canonical in _FREQUENCY_UNITS:
+    """Return what a unit belongs to; a voltage is taken for nothing."""
+    if canonical_unit(unit) in _FREQUENCY_UNITS:
         return ChannelKind.FREQUENCY
     quantity = quantity_of_unit(unit)
-    if quantity is not None:
-        return ChannelKind(str(quantity))
-    return ChannelKind.TORQUE if canonical in ("A", "mA") else None
+    return None if quantity is None else ChannelKind(str(quantity))
+
+
+def kind_in_unit(kind: ChannelKind | None, unit: str | None) -> ChannelKind | None:
+    """Return what a name says, and its unit more closely: a position in degrees is an angle."""
+    by_unit = kind_of_unit(unit)
+    return by_unit if (kind, by_unit) in _SAID_BY_UNIT else kind
 
 
 def unit_in_name(name: str) -> str | None:
@@ -137,7 +161,8 @@ def _unit_at_end(name: str) -> str | None:
         letter_is_unit = unit == "A" and _is_current(name[: ending.start()])  # "current_a", but not "torque_a"
         is_said = letter_is_unit or (says is not None and len(ending[1]) > 1)
         return unit if is_said or unit in ("deg", "rad") else None
-    return unit if (says is None and len(ending[1]) > 1) or says == kind_of_unit(unit) else None
+    fits = kind_in_unit(says, unit) == kind_of_unit(unit)
+    return unit if (says is None and len(ending[1]) > 1) or fits else None
 
 
 def _spelt(text: str, says: ChannelKind | None) -> str | None:
@@ -179,8 +204,11 @@ def names_other_unit(name: str) -> bool:
 
 def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
     """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
-    for kind in (kind_of_name(name), kind_of_unit(unit or unit_in_name(name))):
+    stated = unit or unit_in_name(name)
+    for kind in (kind_in_unit(kind_of_name(name), stated), kind_of_unit(stated)):
         if kind is ChannelKind.FREQUENCY and (_says_other(name) or not _rises(samples)):
+            if canonical_unit(stated) == "rad/s":
+                return ChannelKind.SPEED
             continue  # that of a drive, which goes up and down; lines of a spectrum rise
         if kind is not None:
             return kind
@@ -192,7 +220,7 @@ def _rises(samples: SampleArray) -> bool:
 
 
 def is_of_other_quantity(name: str, unit: str | None) -> bool:
-    """Tell whether name or unit say something that no map asks for: a velocity, a temperature, a state."""
+    """Tell whether name or unit say something that no map asks for: a temperature, a voltage, a state."""
     stated = unit or unit_in_name(name)
     if canonical_unit(stated) is not None and kind_of_unit(stated) is None and not is_raw(stated):
         return True
@@ -223,7 +251,7 @@ def units_of(kind: ChannelKind) -> tuple[str, ...]:
     if kind is ChannelKind.FREQUENCY:
         return ("Hz",)
     raw = () if kind is ChannelKind.TIME else tuple(RAW_UNITS)
-    return (*FACTOR_TO_SI[Quantity(str(kind))], *raw)
+    return tuple(dict.fromkeys((*FACTOR_TO_SI[Quantity(str(kind))], *raw)))
 
 
 def _without_unit(name: str) -> str:

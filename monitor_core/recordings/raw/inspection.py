@@ -12,10 +12,13 @@ import numpy as np
 from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.quality import is_clipped, is_stuck, longest_run
-from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
+from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit, is_raw
 from monitor_core.recordings.raw.binary import xlsx
 from monitor_core.recordings.raw.channel_kind import (
+    DRIVES,
+    STANDING,
     ChannelKind,
+    kind_in_unit,
     kind_of,
     kind_of_name,
     kind_of_unit,
@@ -234,9 +237,9 @@ def _judged(summary: ChannelSummary, figures: SampleFigures, gaps: str) -> Chann
     elif kept.size > 2 and not is_of_time(summary.kind):
         held = _held(kept)
         start, run = longest_run(kept)
-        is_drive = summary.kind in (ChannelKind.TORQUE, ChannelKind.FORCE)
+        is_drive = summary.kind in DRIVES
         stuck = run > max(STUCK_SHARE * kept.size, SHORTEST_RUN) and is_stuck(kept, start, run, is_excitation=is_drive)
-        at_rest = summary.kind is ChannelKind.POSITION  # an encoder that stands says so
+        at_rest = summary.kind in STANDING  # an encoder that stands says so
         stuck, clipped = stuck and not at_rest, not at_rest and _is_clipped(figures, held)
         if stuck:
             n_held = f"{run}" if kept.size == figures.n_finite else f"about {run / kept.size * figures.n_finite:.2g}"
@@ -289,10 +292,10 @@ def _doubts(summary: ChannelSummary, finite: SampleArray) -> list[str]:
     doubts = []
     if named is not None and of_name is not None and named != of_name:
         doubts.append(f"its name says {named}, its unit is {summary.unit}")
-    by_unit = kind_of_unit(unit)
+    by_name, by_unit = kind_in_unit(by_name, unit), kind_of_unit(unit)
     if by_name is not None and unit is not None and by_unit is not by_name:
         what = f"named like {_with_article(by_name)}, but its numbers are in {unit}"
-        doubts.append(f"{what}, a raw unit: the map needs its sensitivity" if by_unit is None else what)
+        doubts.append(f"{what}, a raw unit: the map needs its sensitivity" if is_raw(unit) else what)
     kind = by_name or by_unit
     if kind is ChannelKind.TIME:
         doubts += _doubts_of_times(unit, finite)
@@ -345,7 +348,7 @@ def _doubts_of_size(kind: ChannelKind, unit: str, finite: SampleArray) -> list[s
 
 
 def _with_article(kind: ChannelKind) -> str:
-    return f"{'an' if kind is ChannelKind.ACCELERATION else 'a'} {kind}"
+    return f"{'an' if kind is ChannelKind.ACCELERATION else 'a'} {str(kind).replace('-', ' ')}"
 
 
 def layout_remark(layout: TextLayout) -> str:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import unit_of
 from monitor_core.recordings.raw.channel_kind import letters_of, rate_of_number
 from monitor_core.recordings.raw.channels import Channels
@@ -16,6 +17,11 @@ from monitor_core.recordings.raw.channels import Channels
 _NAMES_OF_LENGTH = frozenset((
     "recordlength", "samples", "numberofsamples", "nsamples", "numsamples", "npts", "points", "numberofpoints", "rows",
     "anzahlwerte",
+))  # fmt: skip
+#: How those are named that state the samples of a period of an excitation that repeats itself.
+_NAMES_OF_PERIOD = frozenset((
+    "nrofs", "samplesperperiod", "nsamplesperperiod", "pointsperperiod", "periodlength", "samplesinperiod", "nperiod",
+    "periodsamples",
 ))  # fmt: skip
 _ROW = re.compile(
     r"[\W_]*(?P<name>[^\W\d_][^:=,;\t\"]{0,60})\"?\s*[:=,;\t][\s:=,;\t\"]*(?P<number>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
@@ -49,6 +55,26 @@ def rate_of_numbers(channels: Channels) -> StatedRate | None:
     return stated[0] if len({f"{each.sample_rate:.6g}" for each in stated}) == 1 else None
 
 
+def period_of_numbers(channels: Channels) -> tuple[str, int] | None:
+    """Return name and value of the number that seems to state the samples of a period; None where none does."""
+    stated = [(name, value) for name, value in _stated(channels, _is_period) if value >= 1.0 and value.is_integer()]
+    return (stated[0][0], int(stated[0][1])) if len({value for _, value in stated}) == 1 else None
+
+
+def number_named(channels: Channels, name: str, entry: str) -> float:
+    """Return a single number of the file, or of a column of one value, for an entry of the map that names it.
+
+    ``RecordingFormatError`` if the file has none of that name, or one that is not positive.
+    """
+    numbers = dict(_stated(channels, name.__eq__))
+    if not numbers.get(name, 0.0) > 0.0:
+        got = f"{numbers[name]:g}" if numbers else f"none of that name; single numbers: {', '.join(channels.numbers)}"
+        raise RecordingFormatError(
+            f"{channels.file_name}: expected a positive number {name!r}, which {entry} of the map names; got {got}"
+        )
+    return numbers[name]
+
+
 def doubts_of_sampling(channels: Channels, sample_rate: float, n_samples: int) -> Iterator[str]:
     """Say where the file states another rate [Hz], or another number of samples, than is used."""
     stated = rate_of_numbers(channels)
@@ -67,6 +93,10 @@ def doubts_of_sampling(channels: Channels, sample_rate: float, n_samples: int) -
 
 def _may_be_rate(name: str) -> bool:
     return any(rate_of_number(name, value) is not None for value in (1000.0, 1e-3))
+
+
+def _is_period(name: str) -> bool:
+    return letters_of(name) in _NAMES_OF_PERIOD
 
 
 def _is_length(name: str) -> bool:

@@ -44,7 +44,8 @@
     method = "cubic"                           # cubic | linear
 
     [window]
-    sample_rate_hz = 10000                     # only if neither the file nor [time] says it
+    sample_rate_hz = 10000                     # only if neither the file nor [time] says it; or "fs", the name of a
+                                               # single number of the file, as in samples_per_window
     started_at = 2025-03-01T06:00:00Z          # only if the file does not say it
     position_mm = 250.0
     position_span_mm = 0.0
@@ -105,6 +106,7 @@ from monitor_core.recordings.raw.mapping.map_records import (
     MapKind,
     MappedChannel,
     MotionSignals,
+    NamedNumbers,
     ResampleMethod,
     Resampling,
     ResponseLines,
@@ -218,7 +220,7 @@ def _session_map(top: Fields) -> ChannelMap:
         _sweep(excitation.table("sweep", _SWEEP)) if "sweep" in excitation else None,
     )
     files = _files(top, _ENTRIES["files"], measured=measured)
-    facts = _facts(window, measured=measured)
+    facts, named = _facts(window, measured=measured), _named(window)
     if not measured and not files:
         facts_required(facts, window.where)
     return ChannelMap(
@@ -229,10 +231,11 @@ def _session_map(top: Fields) -> ChannelMap:
         _text(top),
         _time_source(top),
         _resampling(top),
-        window.optional_positive("sample_rate_hz", "Hz"),
-        _cutting(window),
+        None if named.sample_rate else window.optional_positive("sample_rate_hz", "Hz"),
+        _cutting(window, named),
         files,
         _tolerances(top),
+        named,
     )
 
 
@@ -369,11 +372,20 @@ def _resampling(top: Fields) -> Resampling | None:
     return Resampling(fields.positive("sample_rate_hz", "Hz"), fields.choice("method", ResampleMethod))
 
 
-def _cutting(window: Fields) -> Cutting:
+def _named(fields: Fields) -> NamedNumbers:
+    """Return which numbers the map leaves to single numbers of the file, by their names."""
+    named = (
+        fields.text(name) if isinstance(fields.values.get(name), str) else None
+        for name in ("sample_rate_hz", "samples_per_window")
+    )  # fmt: skip
+    return NamedNumbers(*named)
+
+
+def _cutting(window: Fields, named: NamedNumbers) -> Cutting:
     """Return how long records are cut into windows."""
     step = window.optional_positive("position_step_mm", "mm")
     return Cutting(
-        window.count("samples_per_window") if "samples_per_window" in window else None,
+        window.count("samples_per_window") if "samples_per_window" in window and not named.samples_per_window else None,
         window.optional_choice("windows_in", WindowsIn),
         window.optional_positive("window_interval_s", "s"),
         window.optional_positive("file_interval_s", "s"),

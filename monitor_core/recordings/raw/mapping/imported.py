@@ -13,6 +13,7 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import SESSION_GAP, Conditions, Direction, MotionRecord, Session, Window, span_of
 from monitor_core.recordings import motion_csv
 from monitor_core.recordings.elements.files import naming
+from monitor_core.recordings.raw.channel_kind import rate_of_number
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.mapping.channel_map import facts_required
@@ -36,7 +37,7 @@ from monitor_core.recordings.raw.mapping.map_records import (
     WindowsIn,
 )
 from monitor_core.recordings.raw.mapping.mapped import Record, signal_of, starts_of_windows, take_records
-from monitor_core.recordings.raw.stated_numbers import doubts_of_sampling
+from monitor_core.recordings.raw.stated_numbers import doubts_of_sampling, number_named
 
 #: Called with the name of each file before it is read.
 Progress = Callable[[str], None]
@@ -168,6 +169,7 @@ def _windows_of_file(
     channels = read_channels(path, channel_map.text)
     if seen is not None:
         seen(channels)
+    channel_map = with_numbers_of(channels, channel_map)
     records, doubts = take_records(channels, sources, channel_map), _doubts_of_channels(channels, sources)
     n_samples = sum(record.signals[0].size for record in records)
     if channel_map.resampling is None and records[0].signals[0].ndim == 1:
@@ -219,6 +221,26 @@ def _windows_of_file(
         )
     made.remarks.extend(doubts)
     return made
+
+
+def with_numbers_of(channels: Channels, channel_map: ChannelMap) -> ChannelMap:
+    """Return the map of one file, with the numbers that it leaves to the file, which may differ from file to file.
+
+    ``RecordingFormatError`` if the file has no such number, or one that cannot be what the map takes it for.
+    """
+    named, cutting, rate = channel_map.named, channel_map.cutting, channel_map.sample_rate
+    if named.sample_rate is not None:
+        number = number_named(channels, named.sample_rate, "sample_rate_hz")
+        rate = rate_of_number(named.sample_rate, number) or number  # "dt" is a step
+    if named.samples_per_window is not None:
+        samples = number_named(channels, named.samples_per_window, "samples_per_window")
+        if not samples.is_integer():
+            raise RecordingFormatError(
+                f"{channels.file_name}: expected a whole number {named.samples_per_window!r}, which samples_per_window "
+                f"of the map names; got {samples:g}"
+            )
+        cutting = replace(cutting, samples_per_window=int(samples))
+    return replace(channel_map, sample_rate=rate, cutting=cutting)
 
 
 def _window(

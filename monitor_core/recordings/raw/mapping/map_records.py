@@ -91,6 +91,14 @@ class Cutting:
 
 
 @dataclass(frozen=True, slots=True)
+class NamedNumbers:
+    """Names of single numbers of the file that stand in place of numbers of the map; ``None``: the map says them."""
+
+    sample_rate: str | None = None
+    samples_per_window: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Sweep:
     """Settings of a resonance test, and what it moved."""
 
@@ -190,6 +198,7 @@ class ChannelMap:
     cutting: Cutting = field(default_factory=Cutting)
     files: tuple[tuple[str, WindowFacts], ...] = ()  # name of a file, and facts that go before those of the window
     tolerances: Tolerances = field(default_factory=Tolerances)
+    named: NamedNumbers = field(default_factory=NamedNumbers)
 
     @property
     def kind(self) -> MapKind:

@@ -9,7 +9,7 @@ from datetime import datetime
 
 from monitor_core.recordings.elements.files import stem_of
 from monitor_core.recordings.elements.units import Quantity, canonical_unit
-from monitor_core.recordings.raw.channel_kind import ChannelKind
+from monitor_core.recordings.raw.channel_kind import DRIVES, ChannelKind
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.proposal.entries import (
     MapEntry,
@@ -179,7 +179,7 @@ def _window_lines(
 
 
 def _motion_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Channels) -> Iterator[MapTable]:
-    drive = first_like(parts, (ChannelKind.FORCE, ChannelKind.TORQUE))
+    drive = first_like(parts, DRIVES)
     position = first_like(parts, (ChannelKind.POSITION,), (drive,))
     others = [part for part in parts if part.kind is ChannelKind.POSITION and part is not position]
     times = first_like(parts, (ChannelKind.TIME,)) or texts

@@ -10,6 +10,7 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.recordings.elements.units import Quantity, canonical_unit, quantity_of_unit
 from monitor_core.recordings.raw.channel_kind import (
+    DRIVES,
     ChannelKind,
     is_of_other_quantity,
     is_planned,
@@ -86,8 +87,9 @@ def made_of_parts(channels: Channels, parts: Sequence[Part]) -> Made:
 
 def _is_motion(parts: Sequence[Part]) -> bool:
     kinds = {part.kind for part in parts if not is_of_other_quantity(part.channel.name, part.channel.unit)}
-    drive = ChannelKind.FORCE in kinds or ChannelKind.TORQUE in kinds
-    return drive and ChannelKind.POSITION in kinds and ChannelKind.ACCELERATION not in kinds and None not in kinds
+    if kinds.isdisjoint(DRIVES) or ChannelKind.POSITION not in kinds:
+        return False
+    return ChannelKind.ACCELERATION not in kinds and None not in kinds
 
 
 def parts_of(channels: Channels) -> list[Part]:
@@ -108,7 +110,7 @@ def parts_of(channels: Channels) -> list[Part]:
 
 def signals_in(parts: Sequence[Part]) -> tuple[Part | None, Part | None]:
     """Return what may be excitation and response: by what they look like, else in the order of the file."""
-    excitation = first_like(parts, (ChannelKind.TORQUE, ChannelKind.FORCE))
+    excitation = first_like(parts, DRIVES)
     response = first_like(parts, (ChannelKind.ACCELERATION,))
     longest = max((part.size for part in parts), default=0)
     left = [part for part in parts if part.kind is None and part.size == longest and part.varies]
@@ -132,4 +134,6 @@ def quantity_of(part: Part | None) -> Quantity | None:
     quantity = quantity_of_unit(part.unit)
     if quantity in (Quantity.TORQUE, Quantity.FORCE):
         return quantity
+    if part.kind is ChannelKind.CURRENT:
+        return Quantity.TORQUE
     return Quantity(str(part.kind)) if part.kind in (ChannelKind.TORQUE, ChannelKind.FORCE) else None
