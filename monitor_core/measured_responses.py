@@ -11,13 +11,15 @@ from monitor_core.modal import ModalMeasurement
 from monitor_core.models.generator import EXCITED
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.pipeline import AxisSettings, measure_response
-from monitor_core.recording import Conditions, ExcitationQuantity, Rejection, Window
+from monitor_core.recording import Conditions, ExcitationQuantity, Rejection, ResponseQuantity, Window
 from monitor_core.session import RecordedMeasurements, gate_session
 from monitor_core.spectral import line_spread
 from monitor_core.spectral.coherence import random_error, significance_level
 from monitor_core.spectral.spectra import Taper
 
 #: Every which line is independent of the others: a Hann window correlates neighbours by 2/3 and the next by 1/6.
+#: Responses that are compared with those of a model, as accelerations.
+_OF_TABLE = (ResponseQuantity.ACCELERATION, ResponseQuantity.VELOCITY, ResponseQuantity.DISPLACEMENT)
 STRIDE: dict[Taper, int] = {"hann": 3, "rectangular": 1}
 
 
@@ -112,14 +114,15 @@ def _some(responses: Iterable[FrequencyResponseObservation | None]) -> tuple[Fre
     observations = tuple(response for response in responses if response is not None)
     if not observations:
         raise NotIdentifiableError(
-            "expected measurements that can be judged and lines whose coherence is no chance; got none of both"
+            "expected measurements that can be judged, of torque or force and motion of the table, and lines whose "
+            "coherence is no chance; got none of both"
         )
     return observations
 
 
 def _response(modal: ModalMeasurement, usual_temperature: float | None) -> FrequencyResponseObservation | None:
     frf = modal.frequency_response
-    if frf.coherence is None:
+    if frf.coherence is None or modal.excitation_quantity.is_relative or modal.response_quantity not in _OF_TABLE:
         return None
     coherence = np.asarray(frf.coherence)
     seen = np.flatnonzero((coherence > significance_level(frf.n_averages)) & (coherence < 1.0))[:: STRIDE[modal.taper]]
@@ -149,4 +152,5 @@ def _conditions(conditions: Conditions, usual_temperature: float | None) -> Driv
 def _excitation_point(modal: ModalMeasurement) -> ExcitationPoint:
     if modal.excitation_quantity is ExcitationQuantity.FORCE:
         return ExcitationPoint.FORCE_AT_TABLE
-    return EXCITED[modal.excitation_source]
+    # a commanded torque is one of the motor, too
+    return EXCITED.get(modal.excitation_source, ExcitationPoint.TORQUE_AT_MOTOR)

@@ -193,8 +193,8 @@ def _check_excitation(window: Window, gate: QualityGate, band: tuple[float, floa
         return None
     return Rejection(
         RejectionReason.LITTLE_EXCITATION,
-        f"rms excitation in the band must reach {gate.minimum_band_excitation:g} {_unit(window)}; "
-        f"got {excitation:.3g} {_unit(window)}",
+        f"rms excitation in the band must reach {gate.minimum_band_excitation:g} {window.excitation_quantity.unit}; "
+        f"got {excitation:.3g} {window.excitation_quantity.unit}",
     )
 
 
@@ -213,7 +213,3 @@ def _band_rms(samples: SampleArray, sample_rate: float, band: tuple[float, float
 
 def _span(window: Window) -> float:
     return window.position_span if window.position_trace is None else float(np.ptp(window.position_trace))
-
-
-def _unit(window: Window) -> str:
-    return "N·m" if window.excitation_quantity is ExcitationQuantity.TORQUE else "N"

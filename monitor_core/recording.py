@@ -20,13 +20,67 @@ class ExcitationQuantity(StrEnum):
 
     TORQUE = "torque"  #: [N·m]
     FORCE = "force"  #: [N]
+    CURRENT = "current"  #: of the motor, whose torque constant is not known [A]
+    ACCELERATION = "acceleration"  #: as commanded [m/s²]
+
+    @property
+    def unit(self) -> str:
+        """SI unit, as it is read."""
+        return _EXCITATION_UNITS[self]
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether the response per excitation has no scale of a mass: modal mass and friction are then unknown."""
+        return self in (ExcitationQuantity.CURRENT, ExcitationQuantity.ACCELERATION)
+
+
+_EXCITATION_UNITS = {
+    ExcitationQuantity.TORQUE: "N·m",
+    ExcitationQuantity.FORCE: "N",
+    ExcitationQuantity.CURRENT: "A",
+    ExcitationQuantity.ACCELERATION: "m/s²",
+}
 
 
 class ExcitationSource(StrEnum):
     """Where the excitation was taken. A calibration holds for one source only (they see different poles)."""
 
     SENSOR = "sensor"
-    DRIVE = "drive"
+    DRIVE = "drive"  #: what the drive measures or estimates, as torque from current and torque constant
+    COMMANDED = "commanded"
+
+
+class ResponseQuantity(StrEnum):
+    """What answers the excitation in a window. A calibration holds for one quantity only."""
+
+    ACCELERATION = "acceleration"  #: of the table [m/s²]
+    VELOCITY = "velocity"  #: of the table [m/s]
+    DISPLACEMENT = "displacement"  #: of the table, from any place [m]
+    MOTOR_ANGLE = "motor-angle"  #: [rad]
+    MOTOR_SPEED = "motor-speed"  #: [rad/s]
+    RELATIVE_DISPLACEMENT = "relative-displacement"  #: motor angle × lead/2π − table [m]
+
+    @property
+    def unit(self) -> str:
+        """SI unit, as it is read."""
+        return _RESPONSE_UNITS[self]
+
+    @property
+    def derivatives(self) -> int:
+        """How many times it is differentiated until it is an acceleration."""
+        if self is ResponseQuantity.ACCELERATION:
+            return 0
+        return 1 if self in (ResponseQuantity.VELOCITY, ResponseQuantity.MOTOR_SPEED) else 2
+
+
+_RESPONSE_UNITS = {
+    ResponseQuantity.ACCELERATION: "m/s²",
+    ResponseQuantity.VELOCITY: "m/s",
+    ResponseQuantity.DISPLACEMENT: "m",
+    ResponseQuantity.MOTOR_ANGLE: "rad",
+    ResponseQuantity.MOTOR_SPEED: "rad/s",
+    ResponseQuantity.RELATIVE_DISPLACEMENT: "m",
+}
 
 
 class Direction(StrEnum):
@@ -132,14 +186,14 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """One simultaneous record of excitation (motor torque or a force) and nut acceleration.
+    """One simultaneous record of an excitation (torque, force, current …) and of what answers it.
 
     The samples keep the precision in which they were recorded and may contain anything that an acquisition system can
     produce: whether they are fit to be judged is the question of :mod:`monitor_core.quality`, not of this record.
     """
 
-    excitation: SampleArray  # shape (n_samples,) [N·m] or [N]
-    response: SampleArray  # acceleration, shape (n_samples,) [m/s²]
+    excitation: SampleArray  # shape (n_samples,) [unit of its quantity]
+    response: SampleArray  # shape (n_samples,) [unit of its quantity]
     sample_rate: float  # [Hz]
     started_at: datetime  # with a time zone
     conditions: Conditions
@@ -149,6 +203,8 @@ class Window:
     direction: Direction = Direction.BOTH
     position_span: float = 0.0  # travel during the window [m]
     position_trace: FloatArray | None = None  # shape (n_samples,) [m]
+    response_quantity: ResponseQuantity = ResponseQuantity.ACCELERATION
+    response_resolution: float | None = None  # step that the response is quantised in; None: not stated [its unit]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "excitation", read_only_samples(self.excitation))
@@ -173,6 +229,11 @@ class Window:
             raise InvalidWindowError(f"started_at must carry a time zone; got {self.started_at.isoformat()}")
         if not self.position_span >= 0.0:
             raise InvalidWindowError(f"position_span must not be negative; got {self.position_span} m")
+        resolution = self.response_resolution
+        if resolution is not None and not 0.0 < resolution < math.inf:
+            raise InvalidWindowError(
+                f"response_resolution must be positive; got {resolution} {self.response_quantity.unit}"
+            )
         if not self.measurement:
             raise InvalidWindowError("measurement must name the measurement the window belongs to; got an empty text")
 

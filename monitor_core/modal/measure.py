@@ -33,16 +33,17 @@ from monitor_core.recording import (
     ExcitationSource,
     Rejection,
     RejectionReason,
+    ResponseQuantity,
     Window,
 )
 from monitor_core.response import FrequencyResponse, ModalParameters
 from monitor_core.spectral import (
     BandSpectra,
     Taper,
-    band_spectra,
     cross_spectra,
     estimate_frf,
     least_leaking_taper,
+    motion_spectra,
 )
 from monitor_core.uncertainty import Estimate
 
@@ -64,8 +65,9 @@ class ModalMeasurement:
     measurement: str
     excitation_quantity: ExcitationQuantity
     excitation_source: ExcitationSource
-    excitation_level: float  # rms per root hertz around the mode [N·m/√Hz] or [N/√Hz]
-    excitation_rms: float  # over the search band [N·m] or [N]
+    response_quantity: ResponseQuantity
+    excitation_level: float  # rms per root hertz around the mode [unit of the excitation/√Hz]
+    excitation_rms: float  # over the search band [unit of the excitation]
     taper: Taper  # of the frequency response and coherence
     noise_level: float = math.nan  # of what the fit leaves of the response, rms per root hertz [m/(s²·√Hz)]
     leaves_response: bool = False  # whether the excitation explains more than one mode does, where no more was asked
@@ -101,7 +103,7 @@ def measure_mode(
         return refusal
     lines = lines or band
     every_line, spectra = _spectra_around(windows, band, lines)
-    quantity = "accelerance" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "torque_accelerance"
+    quantity = _quantity_of(windows[0])
     answer = average_and_fit(spectra, band, gate, lines=lines, quantity=quantity, maximum_modes=maximum_modes)
     if isinstance(answer, Rejection):
         return answer
@@ -127,6 +129,7 @@ def measure_mode(
         measurement=windows[0].measurement,
         excitation_quantity=windows[0].excitation_quantity,
         excitation_source=windows[0].excitation_source,
+        response_quantity=windows[0].response_quantity,
         excitation_level=_excitation_level(spectra.of_windows(answer.kept), mode),
         excitation_rms=_excitation_rms(spectra.of_windows(answer.kept), band),
         taper=answer.taper,
@@ -182,7 +185,7 @@ def read_gates(
     if (refusal := _check_windows(windows, gate)) is not None:
         return refusal
     _, spectra = _spectra_around(windows, band, band)
-    quantity = "accelerance" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "torque_accelerance"
+    quantity = _quantity_of(windows[0])
     answer = average_and_fit(spectra, band, gate, lines=band, quantity=quantity, maximum_modes=maximum_modes)
     if isinstance(answer, Rejection):
         return answer
@@ -198,8 +201,21 @@ def averaged_response(windows: Sequence[Window], lines: tuple[float, float]) -> 
         return refusal
     high = min(lines[1], 0.5 * windows[0].sample_rate)
     _, spectra = _spectra_around(windows, (lines[0], 0.999 * high), lines)
-    quantity = "accelerance" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "torque_accelerance"
+    quantity = _quantity_of(windows[0])
     return _within(estimate_frf(cross_spectra(spectra, taper=least_leaking_taper(spectra)), quantity=quantity), lines)
+
+
+def _quantity_of(window: Window) -> str:
+    """Name the acceleration per excitation (ISO 7626, ISO 2041)."""
+    of_motor = window.response_quantity in (ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_SPEED)
+    accelerance = "angular_accelerance" if of_motor else "accelerance"
+    if window.excitation_quantity is ExcitationQuantity.ACCELERATION:
+        return f"{accelerance}_per_acceleration" if of_motor else "transmissibility"
+    return (
+        accelerance
+        if window.excitation_quantity is ExcitationQuantity.FORCE
+        else (f"{window.excitation_quantity}_{accelerance}")
+    )
 
 
 def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | None:
@@ -222,11 +238,13 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
             f"windows of one measurement must be of one length; got {lengths[0]} to {lengths[-1]} samples",
         )
     sources = sorted({f"{window.excitation_quantity} from {window.excitation_source}" for window in windows})
-    if len(sources) > 1:
-        return Rejection(
-            RejectionReason.EXCITATION_SOURCE_MISMATCH,
-            f"windows of one measurement must share an excitation; got {', '.join(sources)}",
-        )
+    responses = sorted({str(window.response_quantity) for window in windows})
+    for what, got in (("an excitation", sources), ("a response", responses)):
+        if len(got) > 1:
+            return Rejection(
+                RejectionReason.EXCITATION_SOURCE_MISMATCH,
+                f"windows of one measurement must share {what}; got {', '.join(got)}",
+            )
     return None
 
 
@@ -249,7 +267,13 @@ def _spectra_around(
         )
     excitation: SampleArray = np.array([window.excitation for window in windows])
     response: SampleArray = np.array([window.response for window in windows])
-    every_line = band_spectra(excitation, response, sample_rate, (min(LOWEST * band[0], around[0]), around[1]))
+    every_line = motion_spectra(
+        excitation,
+        response,
+        sample_rate,
+        (min(LOWEST * band[0], around[0]), around[1]),
+        derivatives=windows[0].response_quantity.derivatives,
+    )
     return every_line, every_line.around(*around)
 
 
@@ -286,7 +310,7 @@ def _without(fit: ModeFit, noisy: Contamination, windows: Sequence[Window]) -> t
     mode, frequency = fit.modes[0], fit.modes[0].frequency
     uncertainty = math.hypot(frequency.standard_uncertainty, 0.5 * noisy.shift)
     without = replace(frequency, value=frequency.value + noisy.shift, standard_uncertainty=uncertainty)
-    unit = "N" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "N·m"
+    unit = windows[0].excitation_quantity.unit
     detail = (
         f"noise of {math.sqrt(noisy.noise / windows[0].n_samples):.2g} {unit} rms on the excitation moves the "
         f"frequency by {-noisy.shift:+.2g} Hz: taken off, and half of it joins the uncertainty"
@@ -349,9 +373,6 @@ def _within(frf: FrequencyResponse, band: tuple[float, float]) -> FrequencyRespo
 #: An excitation this many times above or below the usual one is said. The calibration doubts from here on, too.
 COMPARABLE_FACTOR = 1.5
 
-#: Units of an excitation level, rms per root hertz.
-LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N·m/√Hz", ExcitationQuantity.FORCE: "N/√Hz"}
-
 
 def excitation_remark(measurement: ModalMeasurement, usual: float, of_what: str) -> str | None:
     """Return what is said of a measurement whose excitation is not the usual one; ``None`` where it is.
@@ -361,7 +382,7 @@ def excitation_remark(measurement: ModalMeasurement, usual: float, of_what: str)
     ratio = measurement.excitation_level / usual
     if not (ratio > COMPARABLE_FACTOR or ratio < 1.0 / COMPARABLE_FACTOR):
         return None
-    unit = LEVEL_UNITS[measurement.excitation_quantity]
+    unit = f"{measurement.excitation_quantity.unit}/√Hz"
     return (
         f"the excitation is {ratio:.2g} times that of {of_what} ({measurement.excitation_level:.2g} against "
         f"{usual:.2g} {unit} around the mode): where the frequency follows the force, that would pass for a change of "
@@ -427,5 +448,5 @@ def _dependence_on_level(measurements: Sequence[ModalMeasurement]) -> str:
     return (
         f"; here it {'falls' if slope < 0.0 else 'rises'} with the level, from {low.mode.frequency.value:.5g} Hz at "
         f"{low.excitation_level:.2g} to {high.mode.frequency.value:.5g} Hz at {high.excitation_level:.2g} "
-        f"{LEVEL_UNITS[low.excitation_quantity]}"
+        f"{low.excitation_quantity.unit}/√Hz"
     )

@@ -41,7 +41,13 @@ _INFLUENCE_KEYS = {
 }
 _PARAMETER_KEYS = {**COEFFICIENT_KEYS, **_INFLUENCE_KEYS}
 _PARAMETER_NAMES = {key: name for name, key in _PARAMETER_KEYS.items()}
-EXCITATION_LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N.m/Hz^0.5", ExcitationQuantity.FORCE: "N/Hz^0.5", None: None}
+EXCITATION_LEVEL_UNITS = {
+    ExcitationQuantity.TORQUE: "N.m/Hz^0.5",
+    ExcitationQuantity.FORCE: "N/Hz^0.5",
+    ExcitationQuantity.CURRENT: "A/Hz^0.5",
+    ExcitationQuantity.ACCELERATION: "m/s2/Hz^0.5",
+    None: None,
+}
 
 
 def calibration_document(calibration: Calibration) -> dict[str, object]:

@@ -176,7 +176,7 @@ def _places(positions_mm: list[float]) -> tuple[float, ...]:
 def _channels_of(window: Window) -> Iterator[Channel]:
     time = even_time(window.n_samples, window.sample_rate, 0.0, window.started_at)
     yield Channel("excitation", window.excitation, EXCITATION_UNIT[window.excitation_quantity], time)
-    yield Channel("response", window.response, RESPONSE_UNIT, time)
+    yield Channel("response", window.response, RESPONSE_UNIT[window.response_quantity], time)
     if window.position_trace is not None:
         yield Channel("position", window.position_trace, "m", time)
 

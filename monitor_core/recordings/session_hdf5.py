@@ -24,6 +24,7 @@ from monitor_core.recording import (
     ExcitationQuantity,
     ExcitationSource,
     Placed,
+    ResponseQuantity,
     Session,
     Visit,
     Window,
@@ -50,14 +51,25 @@ if TYPE_CHECKING:
 
 FORMAT = "preload-session"
 VERSION = 1
-EXCITATION_UNIT = {ExcitationQuantity.TORQUE: "N.m", ExcitationQuantity.FORCE: "N"}
-RESPONSE_QUANTITY = "acceleration"
-RESPONSE_UNIT = "m/s2"
+EXCITATION_UNIT = {
+    ExcitationQuantity.TORQUE: "N.m",
+    ExcitationQuantity.FORCE: "N",
+    ExcitationQuantity.CURRENT: "A",
+    ExcitationQuantity.ACCELERATION: "m/s2",
+}
+RESPONSE_UNIT = {
+    ResponseQuantity.ACCELERATION: "m/s2",
+    ResponseQuantity.VELOCITY: "m/s",
+    ResponseQuantity.DISPLACEMENT: "m",
+    ResponseQuantity.MOTOR_ANGLE: "rad",
+    ResponseQuantity.MOTOR_SPEED: "rad/s",
+    ResponseQuantity.RELATIVE_DISPLACEMENT: "m",
+}
 _ROOT_ATTRIBUTES = frozenset(("format", "version", "axis_id", "description", "created"))
 _WINDOW_ATTRIBUTES = frozenset((
     "sample_rate_hz", "excitation_quantity", "excitation_unit", "excitation_source", "response_quantity",
-    "response_unit", "position_mm", "position_span_mm", "direction", "payload_kg", "temperature_c",
-    "preload_n",
+    "response_unit", "response_resolution", "position_mm", "position_span_mm", "direction", "payload_kg",
+    "temperature_c", "preload_n",
 ))  # fmt: skip
 #: What the frame of a session says of each window: which measurement it is of; the others are read with its samples.
 _FRAME_ATTRIBUTES = frozenset(("started_at", "measurement", "position_mm", "preload_n"))
@@ -281,8 +293,8 @@ def _window(fields: Fields, samples: Sequence[SampleArray], started_at: datetime
     where = fields.where
     quantity = fields.choice("excitation_quantity", ExcitationQuantity)
     fields.exactly("excitation_unit", EXCITATION_UNIT[quantity])
-    fields.exactly("response_quantity", RESPONSE_QUANTITY)
-    fields.exactly("response_unit", RESPONSE_UNIT)
+    response_quantity = fields.choice("response_quantity", ResponseQuantity)
+    fields.exactly("response_unit", RESPONSE_UNIT[response_quantity])
     excitation, response, *traces = samples
     trace = traces[0] if traces else None
     with naming(where):
@@ -303,6 +315,8 @@ def _window(fields: Fields, samples: Sequence[SampleArray], started_at: datetime
             direction=fields.optional_choice("direction", Direction) or Direction.BOTH,
             position_span=_position_span(fields, trace),
             position_trace=None if trace is None else trace.astype(np.float64, copy=False),
+            response_quantity=response_quantity,
+            response_resolution=fields.optional_positive("response_resolution", RESPONSE_UNIT[response_quantity]),
         )
 
 
@@ -338,8 +352,9 @@ def _write_window(group: "h5py.Group", window: Window) -> dict[str, object]:
         "excitation_quantity": str(window.excitation_quantity),
         "excitation_unit": EXCITATION_UNIT[window.excitation_quantity],
         "excitation_source": str(window.excitation_source),
-        "response_quantity": RESPONSE_QUANTITY,
-        "response_unit": RESPONSE_UNIT,
+        "response_quantity": str(window.response_quantity),
+        "response_unit": RESPONSE_UNIT[window.response_quantity],
+        "response_resolution": window.response_resolution,
         "position_mm": to_millimetres(conditions.position),
         "position_span_mm": to_millimetres(window.position_span),
         "direction": str(window.direction),

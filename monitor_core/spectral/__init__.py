@@ -21,4 +21,5 @@ from monitor_core.spectral.spectra import (
     Taper as Taper,
     band_spectra as band_spectra,
     line_spread as line_spread,
+    motion_spectra as motion_spectra,
 )

@@ -3,7 +3,7 @@
 Under a Hann window a spectrum is a weighted sum over neighbouring lines.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ import scipy
 from monitor_core.arrays import ComplexArray, FloatArray, SampleArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.response import LineSpread
+from monitor_core.spectral.motion import differenced, exact_derivative
 
 #: In halves of a line, the line itself first. Beyond one line a periodic Hann window lets whole ones through no more;
 #: what the halves beyond the last would add is below 0.4 % of a peak three lines wide.
@@ -198,6 +199,25 @@ def band_spectra(
         for spectrum in spectra:
             spectrum[:, 0] = 0.0
     return BandSpectra(np.arange(first, last + 1) * resolution, spectra[0], spectra[1], n_samples, sample_rate)
+
+
+def motion_spectra(
+    excitation: SampleArray,
+    response: SampleArray,
+    sample_rate: float,
+    band: tuple[float, float],
+    *,
+    derivatives: int,
+) -> BandSpectra:
+    """Transform windows as :func:`band_spectra` does, the response differentiated so many times until it is in m/s².
+
+    See :mod:`monitor_core.spectral.motion`.
+    """
+    spectra = band_spectra(excitation, differenced(response, sample_rate, derivatives), sample_rate, band)
+    if derivatives == 0:
+        return spectra
+    exact = spectra.response * exact_derivative(spectra.frequency, sample_rate, derivatives)
+    return replace(spectra, response=exact)
 
 
 def _lines_around(low: float, high: float, resolution: float, n_samples: int) -> tuple[int, int]:

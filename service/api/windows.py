@@ -2,23 +2,33 @@
 
 from asyncio import wrap_future
 from collections import Counter
+from collections.abc import Mapping
 from datetime import datetime
 from functools import partial
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
 from fastapi import APIRouter, Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+from pydantic.config import JsonDict
 
-from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
+from monitor_core.recording import (
+    Conditions,
+    Direction,
+    ExcitationQuantity,
+    ExcitationSource,
+    ResponseQuantity,
+    Window,
+)
 from monitor_core.recordings.elements.units import metres
+from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT
 from service.api.access import needs
 from service.api.http.body import JSON_TYPE, MOST_WINDOWS, MSGPACK_TYPE, parse_body
 from service.api.http.samples import Samples
 from service.api.services import Services, services_of
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
-from service.operations.fields import AnswerModel, AxisId, RequestModel, StatedOfWindow
+from service.operations.fields import AnswerModel, AxisId, RequestModel, Resolution, StatedOfWindow
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
 router = APIRouter(prefix="/v1", tags=["windows"])
@@ -26,35 +36,60 @@ router = APIRouter(prefix="/v1", tags=["windows"])
 #: To hand a shorter body over to a thread, and take the windows back, costs more than to read it.
 READ_AT_ONCE = 256 * 1024
 
+Quantity = TypeVar("Quantity", ExcitationQuantity, ResponseQuantity)
+
+
+def _unit_of_quantity(channel: str, units: Mapping[Quantity, str], usual: Quantity) -> JsonDict:
+    """State in a JSON schema which unit goes with each quantity of a channel; ``usual``: where none is stated."""
+    name = f"{channel}_quantity"
+    schema: JsonDict = {"properties": {f"{channel}_unit": {"const": units[usual]}}}
+    for quantity, unit in units.items():
+        if quantity != usual:
+            schema = {
+                "if": {"properties": {name: {"const": str(quantity)}}, "required": [name]},
+                "then": {"properties": {f"{channel}_unit": {"const": unit}}},
+                "else": schema,
+            }
+    return schema
+
 
 class WindowIn(StatedOfWindow):
     """One window, as an acquisition system sends it. Names and units are those of the session file."""
 
     model_config = ConfigDict(
         json_schema_extra={
-            "if": {"properties": {"excitation_quantity": {"const": "force"}}, "required": ["excitation_quantity"]},
-            "then": {"properties": {"excitation_unit": {"const": "N"}}},
-            "else": {"properties": {"excitation_unit": {"const": "N.m"}}},
+            "allOf": [
+                _unit_of_quantity("excitation", EXCITATION_UNIT, ExcitationQuantity.TORQUE),
+                _unit_of_quantity("response", RESPONSE_UNIT, ResponseQuantity.ACCELERATION),
+            ]
         }
     )
 
     excitation: Samples
     response: Samples
-    excitation_quantity: Literal["torque", "force"] = "torque"
-    excitation_unit: Literal["N.m", "N"]
-    excitation_source: Literal["sensor", "drive"]
-    response_quantity: Literal["acceleration"] = "acceleration"
-    response_unit: Literal["m/s2"]
+    excitation_quantity: Literal["torque", "force", "current", "acceleration"] = "torque"
+    excitation_unit: Literal["N.m", "N", "A", "m/s2"]
+    excitation_source: Literal["sensor", "drive", "commanded"]
+    response_quantity: Literal[
+        "acceleration", "velocity", "displacement", "motor-angle", "motor-speed", "relative-displacement"
+    ] = "acceleration"
+    response_unit: Literal["m/s2", "m/s", "m", "rad/s", "rad"]
+    response_resolution: Resolution | None = Field(
+        default=None, description="step that the response is quantised in, in its unit"
+    )
     position_trace_m: Samples | None = None
     direction: Literal["+", "-", "both"] = "both"
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        expected = "N.m" if self.excitation_quantity == "torque" else "N"
-        if self.excitation_unit != expected:
-            raise ValueError(
-                f"excitation_unit of a {self.excitation_quantity} must be {expected}; got {self.excitation_unit}"
-            )
+        for channel, quantity, unit, expected in (
+            ("excitation", self.excitation_quantity, self.excitation_unit,
+             EXCITATION_UNIT[ExcitationQuantity(self.excitation_quantity)]),
+            ("response", self.response_quantity, self.response_unit,
+             RESPONSE_UNIT[ResponseQuantity(self.response_quantity)]),
+        ):  # fmt: skip
+            if unit != expected:
+                raise ValueError(f"{channel}_unit of a {quantity} must be {expected}; got {unit}")
         if not self.excitation.size:
             raise ValueError("excitation must hold at least one sample; got none")
         for name in ("response", "position_trace_m"):
@@ -79,6 +114,8 @@ class WindowIn(StatedOfWindow):
             direction=Direction(self.direction),
             position_span=metres(self.position_span_mm),
             position_trace=self.position_trace_m,
+            response_quantity=ResponseQuantity(self.response_quantity),
+            response_resolution=self.response_resolution,
         )
 
 

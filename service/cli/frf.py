@@ -10,7 +10,6 @@ from monitor_core.modal import ModalMeasurement
 from monitor_core.recording import ExcitationQuantity, Rejection
 from monitor_core.recordings.calibration_file import EXCITATION_LEVEL_UNITS
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT
 from monitor_core.session import (
     MeasuredModes,
     SessionMeasurement,
@@ -38,6 +37,13 @@ if TYPE_CHECKING:
     from monitor_core.response_modes import ModesAtConditions
 
 _MOST_MODES = 30
+#: Units in the name of the rms excitation.
+_ENDINGS = {
+    ExcitationQuantity.TORQUE: "nm",
+    ExcitationQuantity.FORCE: "n",
+    ExcitationQuantity.CURRENT: "a",
+    ExcitationQuantity.ACCELERATION: "m_s2",
+}
 
 
 @click.command()
@@ -106,7 +112,7 @@ def _outcome_document(outcome: ModalMeasurement | Rejection, remark: str | None)
     return {
         "refused": False,
         **modal_document(outcome),
-        f"excitation_rms_{'nm' if quantity is ExcitationQuantity.TORQUE else 'n'}": outcome.excitation_rms,
+        f"excitation_rms_{_ENDINGS[quantity]}": outcome.excitation_rms,
         "excitation_level": outcome.excitation_level,
         "excitation_level_unit": EXCITATION_LEVEL_UNITS[quantity],
         "warnings": _said(outcome, remark),
@@ -134,7 +140,7 @@ def _mode_row(name: str, modal: ModalMeasurement, remark: str | None = None) -> 
         f"{100 * modal.mode.damping_ratio.value:.2f} %",
         f"{modal.coherence:.3f}",
         f"{modal.n_averages:.0f}",
-        f"{modal.excitation_rms:.3g} {EXCITATION_UNIT[modal.excitation_quantity].replace('.', '·')} rms",
+        f"{modal.excitation_rms:.3g} {modal.excitation_quantity.unit} rms",
         "; ".join(_said(modal, remark)),
     )
 

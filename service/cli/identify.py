@@ -81,7 +81,7 @@ from service.documents.identification import OBJECTIVES, held_out_kind, identifi
     help="Standard deviation of the frequency between measurements of one setting.",
 )  # fmt: skip
 @click.option(
-    "--excitation-source", type=click.Choice([str(s) for s in ExcitationSource]), default=str(ExcitationSource.SENSOR),
+    "--excitation-source", type=click.Choice(["sensor", "drive"]), default=str(ExcitationSource.SENSOR),
     show_default=True, help="What the torque will be measured with when the axis is monitored.",
 )  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the search.")

@@ -44,7 +44,7 @@ DEFAULTS = SimulationSettings()
 )  # fmt: skip
 @click.option("--payload-kg", type=float, default=0.0, show_default=True, help="On the table.")
 @click.option(
-    "--excitation-source", type=click.Choice([str(s) for s in ExcitationSource]),
+    "--excitation-source", type=click.Choice(["sensor", "drive"]),
     default=str(DEFAULTS.excitation_source), show_default=True,
     help="Torque sensor behind the coupling, or torque of the drive: they see different poles.",
 )  # fmt: skip

@@ -87,6 +87,7 @@ PositionSpan = Annotated[Number, Field(ge=0, le=100_000, description="travel dur
 Payload = Annotated[Number, Field(ge=0, le=1e6)]
 Temperature = Annotated[Number, Field(gt=-273.15, le=1000)]
 SetPreload = Annotated[Number, NEWTONS]
+Resolution = Annotated[Number, Field(gt=0, le=1.0)]  # of picometres; a metre is a rack with a tooth each
 #: A window may hold so many samples: 41 s at 25.6 kHz. What is computed of one takes several times its room.
 MOST_SAMPLES = 2**20
 

@@ -3,13 +3,20 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
-from typing import Any, TypeAlias, TypedDict
+from typing import Any, NotRequired, TypeAlias, TypedDict
 
 import msgpack
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
+from monitor_core.recording import (
+    Conditions,
+    Direction,
+    ExcitationQuantity,
+    ExcitationSource,
+    ResponseQuantity,
+    Window,
+)
 
 #: What MessagePack writes before the length of bytes, in four bytes (bin 32).
 _BYTES_FOLLOW = b"\xc6"
@@ -36,6 +43,9 @@ class _Metadata(TypedDict):
     payload_kg: float | None
     temperature_c: float | None
     preload_n: float | None
+    # left out where they are what all windows had before: these are the same windows, by their hashes too
+    response_quantity: NotRequired[str]
+    response_resolution: NotRequired[float]
 
 
 class _Packed(_Metadata):
@@ -95,7 +105,7 @@ def size_of(windows: Sequence[Window]) -> int:
 
 def _metadata(window: Window) -> _Metadata:
     conditions = window.conditions
-    return {
+    metadata: _Metadata = {
         "started_at": window.started_at.astimezone(UTC).isoformat(),
         "sample_rate_hz": window.sample_rate,
         "measurement": window.measurement,
@@ -108,6 +118,11 @@ def _metadata(window: Window) -> _Metadata:
         "temperature_c": conditions.temperature,
         "preload_n": conditions.preload,
     }
+    if window.response_quantity is not ResponseQuantity.ACCELERATION:
+        metadata["response_quantity"] = str(window.response_quantity)
+    if window.response_resolution is not None:
+        metadata["response_resolution"] = window.response_resolution
+    return metadata
 
 
 def _pack(window: Window) -> Iterator[_Bytes]:
@@ -155,4 +170,6 @@ def _unpack(item: _Packed) -> Window:
         direction=Direction(item["direction"]),
         position_span=item["position_span_m"],
         position_trace=None if trace is None else samples(trace),
+        response_quantity=ResponseQuantity(item.get("response_quantity", ResponseQuantity.ACCELERATION)),
+        response_resolution=item.get("response_resolution"),
     )

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Response
 from monitor_core.arrays import FloatArray
 from monitor_core.modal import GateReading
 from monitor_core.preload import PreloadLadder
-from monitor_core.recording import ExcitationQuantity, Window
+from monitor_core.recording import ExcitationQuantity, ResponseQuantity, Window
 from monitor_core.response import FrequencyResponse
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
@@ -130,7 +130,30 @@ def _windows(view: MeasurementView) -> list[tuple[int, object]]:
 _LEAST_REACH_HZ: Final = 40.0
 #: Windows that are drawn, and rows of the table of a response.
 MOST_WINDOWS, _ROWS = 2, 24
-_UNITS: Final = {"accelerance": "m/(s²·N)", "torque_accelerance": "m/(s²·N·m)"}
+_UNITS: Final = {
+    "accelerance": "m/(s²·N)",
+    "torque_accelerance": "m/(s²·N·m)",
+    "current_accelerance": "m/(s²·A)",
+    "transmissibility": "",
+    "angular_accelerance": "rad/(s²·N)",
+    "torque_angular_accelerance": "rad/(s²·N·m)",
+    "current_angular_accelerance": "rad/(s²·A)",
+    "angular_accelerance_per_acceleration": "rad/m",
+}
+_EXCITATIONS: Final = {
+    ExcitationQuantity.TORQUE: (N_("Torque"), N_("Torque over time")),
+    ExcitationQuantity.FORCE: (N_("Force"), N_("Force over time")),
+    ExcitationQuantity.CURRENT: (N_("Current"), N_("Current over time")),
+    ExcitationQuantity.ACCELERATION: (N_("Commanded acceleration"), N_("Commanded acceleration over time")),
+}
+_RESPONSES: Final = {
+    ResponseQuantity.ACCELERATION: (N_("Acceleration"), N_("Acceleration over time")),
+    ResponseQuantity.VELOCITY: (N_("Velocity"), N_("Velocity over time")),
+    ResponseQuantity.DISPLACEMENT: (N_("Displacement"), N_("Displacement over time")),
+    ResponseQuantity.MOTOR_ANGLE: (N_("Motor angle"), N_("Motor angle over time")),
+    ResponseQuantity.MOTOR_SPEED: (N_("Motor speed"), N_("Motor speed over time")),
+    ResponseQuantity.RELATIVE_DISPLACEMENT: (N_("Relative displacement"), N_("Relative displacement over time")),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +186,8 @@ class WindowPicture:
     number: int
     excitation: Charts
     response: Charts
-    is_force: bool
+    excitation_named: str  # with its unit
+    response_named: str
 
 
 def response_pictures(words: Words, responses: Responses, picked: float | None) -> ResponsePictures | None:
@@ -210,18 +234,19 @@ def window_pictures(words: Words, windows: Sequence[Window]) -> list[WindowPictu
     drawn = []
     for number, window in enumerate(windows[:MOST_WINDOWS], start=1):
         seconds = np.arange(window.n_samples) / window.sample_rate
-        is_force = window.excitation_quantity is ExcitationQuantity.FORCE
-        name, unit = (N_("Force over time"), "N") if is_force else (N_("Torque over time"), "N·m")
+        of_excitation, of_response = window.excitation_quantity, window.response_quantity
+        (excited, excited_over_time), (answer, answer_over_time) = _EXCITATIONS[of_excitation], _RESPONSES[of_response]
         channels = (
-            (words(name), unit, window.excitation),
-            (words(N_("Acceleration over time")), "m/s²", window.response),
+            (words(excited_over_time), of_excitation.unit, window.excitation),
+            (words(answer_over_time), of_response.unit, window.response),
         )
         excitation, response = (
             twice(words, partial(line_chart, LinePicture(title, "s", y_unit, [curve])), LOW_WIDE, LOW_NARROW)
             for title, y_unit, samples in channels
             for curve in [Curve(seconds, np.asarray(samples, np.float64), "measured")]
         )
-        drawn.append(WindowPicture(number, excitation, response, is_force))
+        named = (f"{words(excited)}, {of_excitation.unit}", f"{words(answer)}, {of_response.unit}")
+        drawn.append(WindowPicture(number, excitation, response, *named))
     return drawn
 
 

@@ -5,6 +5,7 @@ import time
 import weakref
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
+from itertools import product
 
 import h5py
 import numpy as np
@@ -18,6 +19,7 @@ from monitor_core.recording import (
     ExcitationQuantity,
     ExcitationSource,
     Placed,
+    ResponseQuantity,
     Session,
     Window,
     measurements_of,
@@ -52,7 +54,8 @@ def assert_same(session: Session, other: Session) -> None:
         if a.position_trace is not None:
             np.testing.assert_array_equal(a.position_trace, b.position_trace)
         for name in ("sample_rate", "started_at", "conditions", "measurement", "excitation_quantity",
-                     "excitation_source", "direction", "position_span"):  # fmt: skip
+                     "excitation_source", "direction", "position_span", "response_quantity",
+                     "response_resolution"):  # fmt: skip
             assert getattr(a, name) == getattr(b, name), name
 
 
@@ -87,6 +90,11 @@ def test_what_is_written_is_read_bit_for_bit(tmp_path):
                    excitation_source=ExcitationSource.DRIVE, position_span=0.0031),
             window(2, measurement="b – 500 mm", conditions=Conditions(0.5004, 12.5, 23.4, 300.0),
                    position_trace=np.linspace(0.5, 0.501, 64), direction=Direction.NEGATIVE),
+            *(
+                window(3 + number, dtype=np.float64, excitation_quantity=excitation, response_quantity=response,
+                       excitation_source=ExcitationSource.COMMANDED, response_resolution=1e-8)
+                for number, (excitation, response) in enumerate(product(ExcitationQuantity, ResponseQuantity))
+            ),
         ),
         "trial run",
         datetime(2025, 3, 1, tzinfo=UTC),
@@ -204,9 +212,12 @@ WRONG_ATTRIBUTES = {
     "unit of a force for a torque": ("excitation_unit", "N", "expected 'N.m'; got 'N'"),
     "unit in another spelling": ("excitation_unit", "Nm", "expected 'N.m'; got 'Nm'"),
     "acceleration in g": ("response_unit", "g", "expected 'm/s2'; got 'g'"),
-    "a velocity": ("response_quantity", "velocity", "expected 'acceleration'; got 'velocity'"),
-    "unknown quantity": ("excitation_quantity", "current", "expected 'torque' or 'force'; got 'current'"),
-    "unknown source": ("excitation_source", "guess", "expected 'sensor' or 'drive'; got 'guess'"),
+    "a velocity": ("response_quantity", "velocity", "response_unit: expected 'm/s'; got 'm/s2'"),
+    "a current": ("excitation_quantity", "current", "excitation_unit: expected 'A'; got 'N.m'"),
+    "unknown response": ("response_quantity", "jerk", "'acceleration' or 'velocity' or 'displacement' or"),
+    "unknown quantity": ("excitation_quantity", "voltage", "expected 'torque' or 'force' or 'current' or"),
+    "unknown source": ("excitation_source", "guess", "'sensor' or 'drive' or 'commanded'; got 'guess'"),
+    "no resolution": ("response_resolution", 0.0, "response_resolution: expected a positive number; got 0.0 m/s2"),
     "unknown direction": ("direction", "up", "expected '+' or '-' or 'both'; got 'up'"),
     "no sample rate": ("sample_rate_hz", None, "sample_rate_hz: expected a number [Hz]; it is missing"),
     "negative sample rate": ("sample_rate_hz", -1.0, "expected a positive number; got -1.0 Hz"),

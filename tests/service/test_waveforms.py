@@ -4,6 +4,7 @@ import errno
 import mmap
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -12,13 +13,13 @@ import numpy as np
 import pytest
 import zstandard
 
-from monitor_core.recording import Conditions, Window
+from monitor_core.recording import Conditions, ResponseQuantity, Window
 from service.errors import StorageError, WaveformDamagedError
 from service.store import waveform_files, waveforms
 from service.store.frame_writer import FrameWriter
 from service.store.waveform_files import FolderFiles
 from service.store.waveforms import WaveformPlace, WaveformStore
-from service.store.window_format import content_sha256
+from service.store.window_format import content_sha256, pack_windows, unpack_windows
 from tests.service.conftest import START
 from tests.service.test_failures import failing_once
 
@@ -48,6 +49,18 @@ def test_what_was_written_is_read_back(store: WaveformStore, tmp_path: Path, n_s
     for i, item in enumerate(posted):
         assert remembered[i] is item
         assert content_sha256(fresh[i]) == content_sha256(item)
+
+
+def test_what_windows_say_of_their_response_is_kept_and_older_ones_keep_their_hash() -> None:
+    ramp = np.arange(4, dtype=np.float32)
+    plain = Window(ramp, 4 - ramp, 1024.0, START, Conditions(0.5, 0.0, 21.5), "early")
+    of_scale = replace(plain, response_quantity=ResponseQuantity.DISPLACEMENT, response_resolution=1e-7)
+    # what was made of the first before these were stated; another hash would make another window of each stored one
+    assert content_sha256(plain) == "9422cdd62e7153c96debc3b81a14b87e74895fa720cd69cee984e2cdbca17eb2"
+    assert content_sha256(of_scale) != content_sha256(plain)
+    (read,) = unpack_windows(b"".join(bytes(part) for part in pack_windows([of_scale])))
+    assert (read.response_quantity, read.response_resolution) == (ResponseQuantity.DISPLACEMENT, 1e-7)
+    assert content_sha256(read) == content_sha256(of_scale)
 
 
 def written(store: WaveformStore, item: Window, at: datetime = NOW) -> WaveformPlace:

@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import BaseModel
 
 import preload_client
-from monitor_core.recording import ExcitationQuantity, Window
+from monitor_core.recording import Window
 from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT
 from service.api.http.body import MSGPACK_TYPE
 from service.cli.options import who_asks
 from service.json_types import JsonObject
@@ -105,7 +106,6 @@ def window_document(window: Window) -> JsonObject:
         return values.astype("<f4").tobytes()
 
     conditions, trace = window.conditions, window.position_trace
-    torque = window.excitation_quantity is ExcitationQuantity.TORQUE
     return {
         "started_at": window.started_at.isoformat(),
         "measurement": window.measurement,
@@ -115,9 +115,11 @@ def window_document(window: Window) -> JsonObject:
         "excitation": samples(window.excitation),
         "response": samples(window.response),
         "excitation_quantity": str(window.excitation_quantity),
-        "excitation_unit": "N.m" if torque else "N",
+        "excitation_unit": EXCITATION_UNIT[window.excitation_quantity],
         "excitation_source": str(window.excitation_source),
-        "response_unit": "m/s2",
+        "response_quantity": str(window.response_quantity),
+        "response_unit": RESPONSE_UNIT[window.response_quantity],
+        "response_resolution": window.response_resolution,
         "direction": str(window.direction),
         "position_trace_m": None if trace is None else samples(trace),
         "payload_kg": conditions.payload_mass,

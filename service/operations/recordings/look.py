@@ -195,7 +195,10 @@ class _Seen:
 
     def add(self, window: Window) -> None:
         """Note the channels of a window."""
-        units = {"excitation": EXCITATION_UNIT[window.excitation_quantity], "response": RESPONSE_UNIT}
+        units = {
+            "excitation": EXCITATION_UNIT[window.excitation_quantity],
+            "response": RESPONSE_UNIT[window.response_quantity],
+        }
         if window.position_trace is not None:
             units["position"] = "m"
         for name, unit in units.items():

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.arrays import SampleArray
-from monitor_core.recording import ExcitationQuantity, Session, Window
+from monitor_core.recording import ExcitationQuantity, ResponseQuantity, Session, Window
 from monitor_core.recordings.session_hdf5 import write_session
 from service.errors import UnknownResourceError
 from service.store import measurements
@@ -24,7 +24,20 @@ from service.store.window_format import size_of
 LONGEST_ROW_BYTES = 128
 _ROWS_AT_ONCE = 4096
 _AT_ONCE = 2**20
-_EXCITATION_COLUMN = {ExcitationQuantity.TORQUE: "torque_nm", ExcitationQuantity.FORCE: "force_n"}
+_EXCITATION_COLUMN = {
+    ExcitationQuantity.TORQUE: "torque_nm",
+    ExcitationQuantity.FORCE: "force_n",
+    ExcitationQuantity.CURRENT: "current_a",
+    ExcitationQuantity.ACCELERATION: "commanded_acceleration_m_s2",
+}
+_RESPONSE_COLUMN = {
+    ResponseQuantity.ACCELERATION: "acceleration_m_s2",
+    ResponseQuantity.VELOCITY: "velocity_m_s",
+    ResponseQuantity.DISPLACEMENT: "displacement_m",
+    ResponseQuantity.MOTOR_ANGLE: "motor_angle_rad",
+    ResponseQuantity.MOTOR_SPEED: "motor_speed_rad_s",
+    ResponseQuantity.RELATIVE_DISPLACEMENT: "relative_displacement_m",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +129,10 @@ def _write_table(path: Path, windows: Sequence[Window], first_number: int) -> No
 def _rows(windows: Sequence[Window], first_number: int) -> Iterator[bytes]:
     """Yield the header and the rows; a column that a window has no samples for is empty there."""
     excitations = list(dict.fromkeys(window.excitation_quantity for window in windows))
+    responses = list(dict.fromkeys(window.response_quantity for window in windows))
     with_position = any(window.position_trace is not None for window in windows)
-    names = ["window", "time_s", *(_EXCITATION_COLUMN[quantity] for quantity in excitations), "acceleration_m_s2"]
+    names = ["window", "time_s", *(_EXCITATION_COLUMN[quantity] for quantity in excitations)]
+    names += [_RESPONSE_COLUMN[quantity] for quantity in responses]
     yield (",".join([*names, "position_m"] if with_position else names) + "\n").encode()
     for number, window in enumerate(windows, start=first_number):
         for begin in range(0, window.n_samples, _ROWS_AT_ONCE):
@@ -127,7 +142,8 @@ def _rows(windows: Sequence[Window], first_number: int) -> Iterator[bytes]:
             columns = [[str(number)] * length, _texts(np.arange(part.start, part.stop) / window.sample_rate)]
             for quantity in excitations:
                 columns.append(_texts(window.excitation[part]) if quantity is window.excitation_quantity else empty)
-            columns.append(_texts(window.response[part]))
+            for response in responses:
+                columns.append(_texts(window.response[part]) if response is window.response_quantity else empty)
             if with_position:
                 columns.append(empty if window.position_trace is None else _texts(window.position_trace[part]))
             yield "".join(",".join(row) + "\n" for row in zip(*columns, strict=True)).encode()

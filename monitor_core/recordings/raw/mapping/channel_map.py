@@ -208,7 +208,7 @@ def _session_map(top: Fields) -> ChannelMap:
         )
     axis_id = top.text("axis_id")
     excitation, response = _table(top, "excitation"), _table(top, "response")
-    quantity = excitation.choice("quantity", ExcitationQuantity)
+    quantity = ExcitationQuantity(excitation.word("quantity", [ExcitationQuantity.TORQUE, ExcitationQuantity.FORCE]))
     measured = "position" in top
     window = _table(top, "window")
     signals = SessionSignals(
