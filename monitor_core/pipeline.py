@@ -250,6 +250,7 @@ def _preload(
         excitation_source=window.excitation_source,
         excitation_quantity=window.excitation_quantity,
         witnesses=witnesses_of(modal),
+        random_uncertainty=modal.random_uncertainty,
     )
 
 

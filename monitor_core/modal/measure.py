@@ -69,6 +69,7 @@ class ModalMeasurement:
     excitation_level: float  # rms per root hertz around the mode [unit of the excitation/√Hz]
     excitation_rms: float  # over the search band [unit of the excitation]
     taper: Taper  # of the frequency response and coherence
+    random_uncertainty: float | None = None  # of that of the frequency, what is new in each measurement [Hz]
     noise_level: float = math.nan  # of what the fit leaves of the response, rms per root hertz [m/(s²·√Hz)]
     leaves_response: bool = False  # whether the excitation explains more than one mode does, where no more was asked
     friction_torque: float | None = None  # over all motion of the windows; None: no motion, position or torque [N·m]
@@ -133,6 +134,7 @@ def measure_mode(
         excitation_level=_excitation_level(spectra.of_windows(answer.kept), mode),
         excitation_rms=_excitation_rms(spectra.of_windows(answer.kept), band),
         taper=answer.taper,
+        random_uncertainty=fit.random_uncertainty,
         noise_level=_noise_level(answer, noisy, spectra),
         leaves_response=fit.leaves_response,
         rigid_line=rigid_line(every_line, answer.kept, fit.modes, answer.taper),

@@ -87,6 +87,13 @@ class ModeFit:
     leaves_response: bool  # whether the excitation explains more than one mode does, where no more were asked for
     warnings: tuple[str, ...] = ()
 
+    @property
+    def random_uncertainty(self) -> float:
+        """Of that of the first frequency, what is new in each measurement: no error of the model [Hz]."""
+        between = self.between_window_covariance
+        variance = float(self.formal_covariance[0, 0])
+        return math.sqrt(variance if between is None else max(variance, float(between[0, 0])))
+
 
 def window_misfit(fit: ModeFit, spectra: BandSpectra) -> tuple[FloatArray, FloatArray]:
     """Return what a fit leaves of windows, whether it was made from them or not, and what they hold in its band.

@@ -69,7 +69,7 @@ class PreloadEstimate:
     preload: float  # [N]
     interval: Interval  # coverage, asymmetric [N]; the upper end is infinite where no preload is too high to fit
     feature: Estimate  # preload feature at the reference conditions, all known uncertainties included [s²]
-    feature_own_uncertainty: float  # of it, what the stated uncertainty of this frequency makes [s²]
+    feature_own_uncertainty: float  # of it, what is new with this frequency [s²]
     feature_systematic_uncertainty: float  # of it, what all measurements share [s²]
     feature_scatter: float  # of it, what the sessions of an axis show by their scatter [s²]
     shares: VarianceShares
@@ -98,6 +98,7 @@ def estimate_preload(
     excitation_source: ExcitationSource | None = None,
     excitation_quantity: ExcitationQuantity | None = None,
     witnesses: WitnessValues | None = None,
+    random_uncertainty: float | None = None,
 ) -> PreloadEstimate | Rejection:
     r"""Estimate the preload from an axial natural frequency, with its asymmetric 95 % coverage interval.
 
@@ -111,7 +112,9 @@ def estimate_preload(
     :math:`\mathrm{preload} = \theta^{-3}` it is wider upwards than downwards.
 
     The frequency is in hertz. A payload or temperature that is not stated is taken as the reference, and the result
-    says so; the excitation of the measurement is ``None`` where a table of frequencies does not tell. A frequency is
+    says so; the excitation of the measurement is ``None`` where a table of frequencies does not tell.
+    ``random_uncertainty`` is what is new in each measurement of the frequency's uncertainty, all of it where it is not
+    given: errors of the model stay as they are, and the charts do not wait for them to scatter. A frequency is
     refused if its excitation is not the calibration's, if its place is far off the calibrated travel, if a payload
     cannot be corrected, or if it is above what any preload gives; ``OutsideValidityError`` if it is not positive. The
     upper end of the interval is ``inf`` where no preload is too high to agree with the data (write ``null`` where a
@@ -172,7 +175,7 @@ def estimate_preload(
         preload=preload,
         interval=_fieller_interval(feature, calibration, budget),
         feature=stated_feature,
-        feature_own_uncertainty=math.sqrt(budget.frequency),
+        feature_own_uncertainty=math.sqrt(budget.frequency) * _new_each_time(frequency, random_uncertainty),
         feature_systematic_uncertainty=math.sqrt(systematic),
         feature_scatter=math.sqrt(budget.shown),
         shares=budget.shares,
@@ -298,6 +301,13 @@ def _fieller_interval(feature: float, calibration: Calibration, budget: Uncertai
     root = math.sqrt(max(0.0, linear**2 - quadratic * constant))  # ≥ 0: θ = feature/k3 always agrees
     low, high = (linear - root) / quadratic, (linear + root) / quadratic
     return Interval(high**-3.0, low**-3.0 if low > 0.0 else math.inf, IntervalKind.COVERAGE, LEVEL)
+
+
+def _new_each_time(frequency: Estimate, random_uncertainty: float | None) -> float:
+    """Return the part of a frequency's uncertainty that is new in each measurement [-]."""
+    if random_uncertainty is None or frequency.standard_uncertainty == 0.0:
+        return 1.0
+    return min(random_uncertainty / frequency.standard_uncertainty, 1.0)
 
 
 def _refuse_other_excitation(

@@ -48,7 +48,7 @@ class ShockTrack:
 
     shock: tuple[int, ...]  # number of the shock
     frequency: tuple[float, ...]  # [Hz]
-    standard_uncertainty: tuple[float, ...]  # of the single fit; far less than the repeatability [Hz]
+    random_uncertainty: tuple[float, ...]  # of the single fit; far less than the repeatability [Hz]
     coherence: tuple[float, ...]  # around the mode, of the last eight shocks up to this one [-]
     refused: dict[int, Rejection]  # shocks that the quality gate refused
     baseline: ModalMeasurement  # of the first eight good shocks
@@ -90,7 +90,7 @@ def shock_frequency_track(measured_data: Path) -> ShockTrack:
         if isinstance(fit, Rejection):
             raise AssertionError(f"shock {shocks[i]}: {fit.detail}")
         frequency.append(fit.modes[0].frequency.value)
-        uncertainty.append(fit.modes[0].frequency.standard_uncertainty)
+        uncertainty.append(fit.random_uncertainty)
         last = max(i + 1, BASELINE_SHOCKS)
         group = (np.arange(len(shocks)) >= last - BASELINE_SHOCKS) & (np.arange(len(shocks)) < last)
         frf = estimate_frf(cross_spectra(spectra.of_windows(group), taper=baseline.taper), quantity="accelerance")

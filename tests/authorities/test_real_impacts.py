@@ -113,4 +113,4 @@ def test_single_fits_scatter_more_than_they_say(track):
     # The formal uncertainty is no repeatability: limits of alarms must come from the scatter between shocks.
     line = scipy.stats.linregress(np.arange(8, 30), track.frequency[8:])
     scatter = np.std(track.frequency[8:] - (line.intercept + line.slope * np.arange(8, 30)), ddof=2)
-    assert scatter > np.median(track.standard_uncertainty)
+    assert scatter > np.median(track.random_uncertainty)

@@ -187,6 +187,16 @@ def test_shares_add_up_and_follow_what_is_uncertain() -> None:
     assert unknown.frequency > 0.9
 
 
+def test_errors_of_the_fitted_model_are_not_taken_for_scatter() -> None:
+    frequency = Estimate(178.0, 0.05)
+    every_time = estimate_preload(frequency, Conditions(0.5), ONE, random_uncertainty=0.01)
+    unknown = estimate_preload(frequency, Conditions(0.5), ONE)
+    assert isinstance(every_time, PreloadEstimate)
+    assert isinstance(unknown, PreloadEstimate)
+    assert every_time.feature_own_uncertainty == pytest.approx(0.2 * unknown.feature_own_uncertainty)
+    assert every_time.interval == unknown.interval  # the preload may be wrong by them all the same
+
+
 def test_random_and_systematic_parts_make_the_whole() -> None:
     answer = estimated(178.0, Conditions(0.5), ONE)
     # 2/f³ per hertz, of the stated uncertainty and of the scatter between measurements
