@@ -339,7 +339,7 @@ def advance_feature(
     conditions, feature = charted.conditions, charted.feature
     if conditions.preload is not None:
         return state
-    learning = state.detector.baseline is None
+    learning = state.detector.known is None
     systematic = (
         0.0
         if learning

@@ -1,7 +1,7 @@
 """Judge the trend and state of an axis: baseline, intervals, charts, detector (ISO 13374: SD)."""
 
 from monitor_core.trend.baseline import Baseline as Baseline, learn_baseline as learn_baseline
-from monitor_core.trend.belief import Belief as Belief, Prior as Prior
+from monitor_core.trend.belief import Bank as Bank, Belief as Belief, Numbers as Numbers, Prior as Prior
 from monitor_core.trend.bootstrap import (
     FEWEST_SESSIONS as FEWEST_SESSIONS,
     FoundRate as FoundRate,
@@ -33,6 +33,7 @@ from monitor_core.trend.intervals import (
     confidence_interval_of_mean as confidence_interval_of_mean,
     paper_rule as paper_rule,
 )
+from monitor_core.trend.lasting_loss import Said as Said
 from monitor_core.trend.line import (
     FEWEST_READINGS as FEWEST_READINGS,
     Projection as Projection,

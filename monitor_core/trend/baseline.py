@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import scipy
 
-from monitor_core.trend.belief import STRUCTURES, Belief, Prior, bank_of, begin, healthy_value, learnt_from, reopened
+from monitor_core.trend.belief import STRUCTURES, Belief, Prior, begin, healthy_value, learnt_from, reopened
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Interval, IntervalKind
 
@@ -109,9 +109,8 @@ def contradicts(sessions: Sequence[Session], prior: Prior) -> bool:
     own = learn_baseline(sessions, replace(prior, variance=None, degrees_of_freedom=Prior().degrees_of_freedom))
     if own is None or prior.variance is None:
         return False
-    bank = bank_of(own)
-    degrees = float(bank.weight @ (2.0 * bank.shape))
-    below = float(scipy.special.fdtr(degrees, prior.degrees_of_freedom, bank.variance / prior.variance))
+    bank, lent = own.bank, prior.degrees_of_freedom
+    below = float(scipy.special.fdtr(2.0 * bank.shape, lent, bank.variance / prior.variance))
     return min(below, 1.0 - below) < 0.5 * CONTRADICTED_BY_CHANCE
 
 
@@ -122,21 +121,21 @@ def learn_level_again(belief: Belief, sessions: Sequence[Session]) -> Belief:
 
 def baseline_of(belief: Belief) -> Baseline:
     """Sum up a belief for people."""
-    bank = bank_of(belief)
+    bank, weight = belief.bank, belief.bank.weight
     mean, uncertainty = healthy_value(belief, belief.last_at)
-    long_run = float(bank.weight @ (1.0 + 2.0 * _SHARE * _CORRELATION / (1.0 - _CORRELATION)))
+    long_run = float(weight @ (1.0 + 2.0 * _SHARE * _CORRELATION / (1.0 - _CORRELATION)))
     return Baseline(
         mean=mean,
         standard_uncertainty=uncertainty,
         scatter=math.sqrt(bank.variance),
         size=belief.n_sessions,
         n_observations=belief.n_observations,
-        degrees_of_freedom=float(bank.weight @ (2.0 * bank.shape)),
-        autocorrelation=float(bank.weight @ (_SHARE * _CORRELATION)),
+        degrees_of_freedom=2.0 * bank.shape,
+        autocorrelation=float(weight @ (_SHARE * _CORRELATION)),
         dependence=math.sqrt(long_run),
         started_at=belief.started_at,
         ended_at=belief.ended_at,
-        weights=tuple(bank.weight.tolist()),
+        weights=tuple(weight.tolist()),
         temperatures=None if belief.temperature is None else (belief.temperature.lowest, belief.temperature.highest),
         lubricated_at=belief.lubricated_at,
     )

@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -51,10 +52,12 @@ STRUCTURES = (
 )
 _CORRELATION = np.array([structure.correlation for structure in STRUCTURES])
 _SHARE = np.array([structure.share for structure in STRUCTURES])
+_WHITE = 1.0 - _SHARE
 #: Level, season (two), change of the temperature in a day, temperature, friction torque; the autoregression is the last
 #: member of the state. The change stands for a structure that lags behind its thermometer.
 N_COEFFICIENTS = 6
 _SIZE = N_COEFFICIENTS + 1
+_DEPENDENCE = N_COEFFICIENTS
 _UPPER = np.triu_indices(_SIZE)
 #: A coefficient is known in units of the scatter: per this many kelvin ...
 KELVIN = 10.0
@@ -110,6 +113,95 @@ class Covariate:
         return self.squares / max(self.count - 1, 1)
 
 
+class Numbers:
+    """Arrays that belong together. They are shared, and never changed once a state holds them."""
+
+    __slots__ = ()
+
+    def numbers(self) -> FloatArray:
+        """Return all numbers, as a store keeps them."""
+        raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether all numbers are the same."""
+        return isinstance(other, type(self)) and np.array_equal(self.numbers(), other.numbers())
+
+    def __hash__(self) -> int:
+        """Return the same for the same numbers."""
+        return hash(self.numbers().tobytes())
+
+
+class Bank(Numbers):
+    r"""Posterior of all structures; variances in units of σ².
+
+    Of each structure, shape (n_structures, size + 1, size + 1), ``joint`` is
+
+    .. math:: J = \begin{pmatrix} C & m \\ m^\mathsf{T} & -2b \end{pmatrix}
+
+    with mean m and covariance C of the state, and the rate b of the inverse gamma of σ². A value y of the design x is
+    learnt by one subtraction (a sweep: Goodnight, Am. Stat. 33 (1979) 149–158), of which C, m and b have the gain, the
+    error and its square:
+
+    .. math:: J - u u^\mathsf{T} / s, \qquad u = \begin{pmatrix} C x \\ m^\mathsf{T} x - y \end{pmatrix}
+
+    with s the variance of the value in units of σ². ``shape`` is the other parameter of the inverse gamma, which counts
+    sessions and so is common; ``log_weight``, (n_structures,), the logarithm of the probability of each structure.
+    """
+
+    __slots__ = ("joint", "log_weight", "shape")
+
+    def __init__(self, joint: FloatArray, shape: float, log_weight: FloatArray) -> None:
+        """Take the arrays as they are."""
+        self.joint, self.shape, self.log_weight = joint, shape, log_weight
+
+    @property
+    def mean(self) -> FloatArray:
+        """Of the state, (n_structures, size)."""
+        return self.joint[:, :-1, -1]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the state, (n_structures, size, size)."""
+        return self.joint[:, :-1, :-1]
+
+    @property
+    def rate(self) -> FloatArray:
+        """Rate b of the inverse gamma of σ², (n_structures,)."""
+        return np.asarray(-0.5 * self.joint[:, -1, -1])
+
+    @property
+    def weight(self) -> FloatArray:
+        """Probability of each structure."""
+        return np.asarray(np.exp(self.log_weight))
+
+    @property
+    def variance(self) -> float:
+        """Scatter σ² as it is believed now."""
+        return float(self.weight @ self.rate) / self.shape
+
+    def with_covariance(self, added: FloatArray) -> "Bank":
+        """Return the same with so much more covariance of the state."""
+        joint = self.joint.copy()
+        joint[:, :-1, :-1] += added
+        return Bank(joint, self.shape, self.log_weight)
+
+    def numbers(self) -> FloatArray:
+        """Return mean, upper triangle of the covariance, a, b and ln weight of each structure."""
+        shape = np.full(len(self.joint), self.shape)
+        upper = self.covariance[:, _UPPER[0], _UPPER[1]]
+        return np.hstack([self.mean, upper, np.column_stack((shape, self.rate, self.log_weight))])
+
+    @classmethod
+    def of(cls, numbers: FloatArray) -> "Bank":
+        """Return the bank of such numbers, in a row or not."""
+        rows = numbers.reshape(len(STRUCTURES), _SIZE + len(_UPPER[0]) + 3)
+        joint = np.empty((len(STRUCTURES), _SIZE + 1, _SIZE + 1))
+        joint[:, _UPPER[0], _UPPER[1]] = joint[:, _UPPER[1], _UPPER[0]] = rows[:, _SIZE:-3]
+        joint[:, :-1, -1] = joint[:, -1, :-1] = rows[:, :_SIZE]
+        joint[:, -1, -1] = -2.0 * rows[:, -2]
+        return cls(joint, float(rows[0, -3]), rows[:, -1].copy())
+
+
 @dataclass(frozen=True, slots=True)
 class Belief:
     """What was learnt of a healthy axis."""
@@ -118,7 +210,7 @@ class Belief:
     last_at: datetime  # start of the last session, learnt or not
     ended_at: datetime  # end of the last session that was learnt
     zero: float  # values are counted from here, in their unit
-    numbers: tuple[float, ...]  # of :class:`_Bank`, one structure after another
+    bank: Bank
     n_sessions: int = 0
     n_observations: int = 0
     within_squares: float = 0.0  # of the observations about the mean of their session
@@ -131,168 +223,124 @@ class Belief:
     lubricated_at: datetime | None = None  # the last session that looked so
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bank:
-    """Posterior of all structures; variances in units of σ². Shapes (n_structures, …)."""
-
-    mean: FloatArray  # (…, size)
-    covariance: FloatArray  # (…, size, size)
-    shape: FloatArray  # a of the inverse gamma of σ²
-    rate: FloatArray  # its b
-    log_weight: FloatArray
-
-    @property
-    def weight(self) -> FloatArray:
-        """Probability of each structure."""
-        relative = np.exp(self.log_weight - self.log_weight.max())
-        return np.asarray(relative / relative.sum())
-
-    @property
-    def variance(self) -> float:
-        """Scatter σ² as it is believed now."""
-        return float(self.weight @ (self.rate / self.shape))
-
-    def numbers(self) -> tuple[float, ...]:
-        """Return all numbers in a row."""
-        upper = self.covariance[:, _UPPER[0], _UPPER[1]]
-        columns = [self.mean, upper, self.shape[:, None], self.rate[:, None], self.log_weight[:, None]]
-        return tuple(np.hstack(columns).ravel().tolist())
-
-
-def _bank_of(numbers: Sequence[float]) -> Bank:
-    rows = np.array(numbers, dtype=np.float64).reshape(len(STRUCTURES), -1)
-    covariance = np.empty((len(STRUCTURES), _SIZE, _SIZE))
-    upper = rows[:, _SIZE:-3]
-    covariance[:, _UPPER[0], _UPPER[1]] = upper
-    covariance[:, _UPPER[1], _UPPER[0]] = upper
-    return Bank(rows[:, :_SIZE], covariance, rows[:, -3], rows[:, -2], rows[:, -1])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a healthy axis will show in a session, by structure, and what follows from it for the belief."""
+    """What a healthy axis was expected to show in a session, by structure, and what follows from it for the belief."""
 
     bank: Bank  # at the time of the session
-    design: FloatArray  # row of the session, (size,)
-    cross: FloatArray  # covariance times design, (n_structures, size)
+    design: FloatArray  # row x of the session, (size + 1,), the last member 0
+    swept: FloatArray  # u of :class:`Bank`, (n_structures, size + 1)
     spread: FloatArray  # variance of the value in units of σ², (n_structures,)
     noise: float  # variance that this session has on top, in units of σ²
-    centre: FloatArray  # (n_structures,), from the zero of the belief
-    zero: float
+    value: float  # expected
+    weight: FloatArray  # probability of each structure before the session
     decay: FloatArray  # of the autoregression since the session before, (n_structures,)
     lubricated: bool  # so it looks: the level is open to it
 
-    @property
+    @cached_property
     def scale(self) -> FloatArray:
         """Scale of Student's t by structure."""
-        return np.asarray(np.sqrt(self.bank.rate / self.bank.shape * self.spread))
+        return np.asarray(np.sqrt(self._squares / (2.0 * self.bank.shape)))
 
     @property
-    def value(self) -> float:
-        """Expected value."""
-        return self.zero + float(self.bank.weight @ self.centre)
+    def error(self) -> FloatArray:
+        """By how much the session is off, by structure."""
+        return np.asarray(-self.swept[:, -1])
+
+    @property
+    def difference(self) -> float:
+        """By how much the session is off what was expected of it."""
+        return -float(self.weight @ self.swept[:, -1])
 
     @property
     def unlearnt(self) -> float:
         """Share of the variance of the prediction that is due to the coefficients, not to the scatter of sessions."""
-        own = self.bank.covariance[:, :-1, :-1] @ self.design[:-1] @ self.design[:-1]
-        return float(self.bank.weight @ np.clip(own / self.spread, 0.0, 1.0))
+        known = slice(0, N_COEFFICIENTS)
+        own = (self.swept[:, known] - self.bank.joint[:, known, N_COEFFICIENTS]) @ self.design[known]
+        return float(self.weight @ np.minimum(np.maximum(own / self.spread, 0.0), 1.0))
 
-    def error(self, value: float) -> FloatArray:
-        """Return by how much a value is off, by structure."""
-        return np.asarray(value - self.zero - self.centre)
-
-    @property
+    @cached_property
     def gain(self) -> FloatArray:
-        """What a unit error teaches of the state, (n_structures, size)."""
-        return np.asarray(self.cross / self.spread[:, None])
+        """What a unit error teaches of the state, and its error, (n_structures, size + 1)."""
+        return np.asarray(self.swept / self.spread[:, None])
 
-    @property
-    def gain_of_dependence(self) -> FloatArray:
-        """The same where only the autoregression is followed."""
-        gain = np.zeros_like(self.cross)
-        gain[:, -1] = self.cross[:, -1] / self.spread
-        return gain
+    @cached_property
+    def _squares(self) -> FloatArray:
+        """Return 2b s."""
+        return np.asarray(-self.bank.joint[:, -1, -1] * self.spread)
 
-    def log_weight(self, error: FloatArray) -> FloatArray:
-        """Return the logarithm of the weight of each structure once a session was off by so much."""
-        degrees = 2.0 * self.bank.shape
-        evidence = (
-            scipy.special.gammaln(0.5 * (degrees + 1.0)) - scipy.special.gammaln(0.5 * degrees)
-            - 0.5 * np.log(degrees * math.pi)
-            - np.log(self.scale) - 0.5 * (degrees + 1.0) * np.log1p((error / self.scale) ** 2 / degrees)
-        )  # fmt: skip
-        relative = self.bank.log_weight + evidence
+    @cached_property
+    def log_weight(self) -> FloatArray:
+        """Logarithm of the weight of each structure once the session is known."""
+        exponent = self.bank.shape + 0.5
+        unexpected = np.log1p(self.swept[:, -1] ** 2 / self._squares)
+        relative = self.bank.log_weight - 0.5 * np.log(self._squares) - exponent * unexpected
         return np.asarray(relative - np.logaddexp.reduce(relative))
 
-    def residual(self, value: float) -> float:
-        r"""Return the residual of a value as its normal score, :math:`z = \Phi^{-1}(F(y))`."""
-        ratio = self.error(value) / self.scale
-        degrees, weight = 2.0 * self.bank.shape, self.bank.weight
-        below = float(weight @ scipy.special.stdtr(degrees, ratio))
-        above = float(weight @ scipy.special.stdtr(degrees, -ratio))
-        # the smaller of both has all its digits
+    def residual(self, moved: float = 0.0) -> float:
+        r"""Return the residual as its normal score, :math:`z = \Phi^{-1}(F(y))`, of the value moved by so much."""
+        ratio = (moved - self.swept[:, -1]) / self.scale
+        # the smaller tail has all its digits
+        tail = scipy.special.stdtr(2.0 * self.bank.shape, -np.abs(ratio))
+        rest, negative = 1.0 - tail, ratio < 0.0
+        below = float(self.weight @ np.where(negative, tail, rest))
+        above = float(self.weight @ np.where(negative, rest, tail))
         score = scipy.special.ndtri(max(min(below, above), 1e-300))
         return float(score if below < above else -score)
 
 
 def begin(first: Session, prior: Prior, variance: float) -> Belief:
     """Return the belief before anything is learnt of an axis whose first session is given, with a rough variance."""
-    count = len(STRUCTURES)
-    mean = np.zeros((count, _SIZE))
-    mean[:, 1:N_COEFFICIENTS] = prior.coefficients
-    covariance = np.zeros((count, _SIZE, _SIZE))
-    covariance[:, range(_SIZE), range(_SIZE)] = [_OPEN**2, *(d**2 for d in prior.deviations), 0.0]
-    covariance[:, -1, -1] = _SHARE
-    shape = np.full(count, 0.5 * prior.degrees_of_freedom)
-    rate = shape * (variance if prior.variance is None else prior.variance)
-    bank = Bank(mean, covariance, shape, rate, np.log(prior.weights))
-    return Belief(first.started_at, first.started_at, first.last_at, first.value, bank.numbers())
+    joint = np.zeros((len(STRUCTURES), _SIZE + 1, _SIZE + 1))
+    joint[:, range(N_COEFFICIENTS), range(N_COEFFICIENTS)] = [_OPEN**2, *(d**2 for d in prior.deviations)]
+    joint[:, _DEPENDENCE, _DEPENDENCE] = _SHARE
+    joint[:, 1:N_COEFFICIENTS, -1] = joint[:, -1, 1:N_COEFFICIENTS] = prior.coefficients
+    joint[:, -1, -1] = -prior.degrees_of_freedom * (variance if prior.variance is None else prior.variance)
+    weights = np.array(prior.weights)
+    bank = Bank(joint, 0.5 * prior.degrees_of_freedom, np.log(weights / weights.sum()))
+    return Belief(first.started_at, first.started_at, first.last_at, first.value, bank)
 
 
 def reopened(belief: Belief) -> Belief:
     """Forget the level, and keep what was learnt of scatter, dependence, season and covariates."""
-    bank = _bank_of(belief.numbers)
-    bank.covariance[:, 0, 0] += _OPEN**2
-    return with_bank(belief, bank)
+    opened = np.zeros((_SIZE, _SIZE))
+    opened[0, 0] = _OPEN**2
+    return replace(belief, bank=belief.bank.with_covariance(opened))
 
 
 def predict(belief: Belief, session: Session) -> Prediction:
     """Predict a session that is later than all that was learnt."""
-    bank = _bank_of(belief.numbers)
+    bank = belief.bank
     decay = _CORRELATION ** ((session.started_at - belief.last_at) / DAY)
-    bank.mean[:, -1] *= decay
-    bank.covariance[:, -1, :] *= decay[:, None]
-    bank.covariance[:, :, -1] *= decay[:, None]
-    bank.covariance[:, -1, -1] += _SHARE * (1.0 - decay**2)
+    joint = bank.joint.copy()
+    joint[:, _DEPENDENCE, :] *= decay[:, None]
+    joint[:, :, _DEPENDENCE] *= decay[:, None]
+    joint[:, _DEPENDENCE, _DEPENDENCE] += _SHARE * (1.0 - decay * decay)
     lubricated = _looks_lubricated(belief, session)
     if lubricated:
-        bank.covariance[:, 0, 0] += LUBRICATION**2
+        joint[:, 0, 0] += LUBRICATION**2
 
     design, unknown = _design(belief, session)
-    cross = bank.covariance @ design
-    noise = _noise(belief, bank, session)
-    spread = cross @ design + 1.0 - _SHARE + noise + _of_unknown(bank, unknown)
-    return Prediction(bank, design, cross, spread, noise, bank.mean @ design, belief.zero, decay, lubricated)
+    weight, swept, value = bank.weight, joint @ design, session.value - belief.zero
+    expected = belief.zero + float(weight @ swept[:, -1])
+    swept[:, -1] -= value
+    noise = _noise(belief, float(weight @ joint[:, -1, -1]) / (-2.0 * bank.shape), session)
+    predicted = Bank(joint, bank.shape, bank.log_weight)
+    spread = swept @ design + (_WHITE + noise)
+    if any(unknown):
+        spread += _of_unknown(predicted, unknown)
+    return Prediction(predicted, design, swept, spread, noise, expected, weight, decay, lubricated)
 
 
 def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
     """Learn a session, of which no more than :data:`LARGEST_LESSON` standard deviations are believed."""
-    bank, scale, gain, lubricated = prediction.bank, prediction.scale, prediction.gain, prediction.lubricated
-    error = prediction.error(session.value)
-    believed = np.clip(error, -LARGEST_LESSON * scale, LARGEST_LESSON * scale)
-    learnt = Bank(
-        bank.mean + gain * believed[:, None],
-        bank.covariance - gain[:, :, None] * prediction.cross[:, None, :],
-        bank.shape + 0.5,
-        bank.rate + 0.5 * believed**2 / prediction.spread,
-        prediction.log_weight(error),
-    )
+    bank, lubricated, lesson = prediction.bank, prediction.lubricated, _lesson(prediction)
+    learnt = Bank(bank.joint - lesson[:, :, None] * lesson[:, None, :], bank.shape + 0.5, prediction.log_weight)
     return replace(
         belief,
         last_at=session.started_at,
         ended_at=session.last_at,
-        numbers=learnt.numbers(),
+        bank=learnt,
         n_sessions=belief.n_sessions + 1,
         n_observations=belief.n_observations + session.count,
         within_squares=belief.within_squares + session.squares,
@@ -309,27 +357,28 @@ def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
 def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belief:
     """Follow the autoregression over a session that something speaks against, and learn nothing else of it.
 
-    The filter of Schmidt, which considers the uncertainty of the coefficients and does not update them.
+    The filter of Schmidt, which considers the uncertainty of the coefficients and does not update them: of what the
+    session would teach, the row and the column of the autoregression.
     """
-    bank, scale = prediction.bank, prediction.scale
-    error = prediction.error(session.value)
-    error = np.clip(error, -LARGEST_LESSON * scale, LARGEST_LESSON * scale)
-    gain = prediction.gain_of_dependence
-    both = gain[:, :, None] * prediction.cross[:, None, :]
-    square = gain[:, :, None] * gain[:, None, :] * prediction.spread[:, None, None]
-    followed = replace(
-        bank,
-        mean=bank.mean + gain * error[:, None],
-        covariance=bank.covariance - both - both.transpose(0, 2, 1) + square,
-    )
+    bank, lesson = prediction.bank, _lesson(prediction)
+    joint = bank.joint.copy()
+    joint[:, _DEPENDENCE, :] -= lesson[:, _DEPENDENCE, None] * lesson
+    joint[:, :, _DEPENDENCE] = joint[:, _DEPENDENCE, :]
     return replace(
         belief,
         last_at=session.started_at,
-        numbers=followed.numbers(),
+        bank=Bank(joint, bank.shape, bank.log_weight),
         latest_temperature=session.temperature,
         latest_friction=session.friction_torque,
         lubricated_at=session.started_at if prediction.lubricated else belief.lubricated_at,
     )
+
+
+def _lesson(prediction: Prediction) -> FloatArray:
+    """Return u of :class:`Bank` over the square root of s, with as much of the error as is believed."""
+    believed, largest = prediction.swept.copy(), LARGEST_LESSON * prediction.scale
+    believed[:, -1] = np.minimum(np.maximum(believed[:, -1], -largest), largest)
+    return np.asarray(believed / np.sqrt(prediction.spread)[:, None])
 
 
 def learnt_from(sessions: Sequence[Session], start: Belief) -> Belief:
@@ -340,32 +389,20 @@ def learnt_from(sessions: Sequence[Session], start: Belief) -> Belief:
     return belief
 
 
-def bank_of(belief: Belief) -> Bank:
-    """Return the posterior of all structures."""
-    return _bank_of(belief.numbers)
-
-
-def with_bank(belief: Belief, bank: Bank) -> Belief:
-    """Return a belief with another posterior of its structures."""
-    return replace(belief, numbers=bank.numbers())
-
-
 def healthy_value(belief: Belief, at: datetime) -> tuple[float, float]:
     """Return what is normal at some time under the mean conditions, and its standard uncertainty."""
-    bank = _bank_of(belief.numbers)
-    row = _season(belief, at)
+    bank, row = belief.bank, _season(belief, at)[:N_COEFFICIENTS]
     for i, covariate in enumerate((_scaled(belief.temperature, None, KELVIN), _friction(belief.friction_torque, None))):
         row[N_COEFFICIENTS - 2 + i] = covariate
-    row = row[:-1]
-    centre = bank.mean[:, :-1] @ row
-    own = bank.rate / bank.shape * (bank.covariance[:, :-1, :-1] @ row @ row)
+    centre = bank.joint[:, -1, :N_COEFFICIENTS] @ row
+    own = bank.rate / bank.shape * (bank.joint[:, :N_COEFFICIENTS, :N_COEFFICIENTS] @ row @ row)
     mean = float(bank.weight @ centre)
     return belief.zero + mean, math.sqrt(max(float(bank.weight @ (own + (centre - mean) ** 2)), 0.0))
 
 
 def _season(belief: Belief, at: datetime) -> FloatArray:
     angle = 2.0 * math.pi * ((at - belief.started_at) / YEAR)
-    return np.array([1.0, 1.0 - math.cos(angle), math.sin(angle), 0.0, 0.0, 0.0, 1.0])
+    return np.array([1.0, 1.0 - math.cos(angle), math.sin(angle), 0.0, 0.0, 0.0, 1.0, 0.0])
 
 
 def _design(belief: Belief, session: Session) -> tuple[FloatArray, tuple[float, ...]]:
@@ -427,16 +464,13 @@ def _variance_unless_known(seen: Covariate | None, value: float | None, unit: fl
 
 def _of_unknown(bank: Bank, unknown: tuple[float, ...]) -> FloatArray:
     """Return what covariates that were not measured add to the variance of a value, in units of σ²."""
-    added = np.zeros(len(STRUCTURES))
-    for i, variance in enumerate(unknown, start=N_COEFFICIENTS - len(unknown)):
-        if variance > 0.0:
-            added += variance * (bank.mean[:, i] ** 2 / (bank.rate / bank.shape) + bank.covariance[:, i, i])
-    return added
+    which = slice(N_COEFFICIENTS - len(unknown), N_COEFFICIENTS)
+    own = np.diagonal(bank.covariance, axis1=1, axis2=2)[:, which]
+    return np.asarray((bank.mean[:, which] ** 2 * (bank.shape / bank.rate)[:, None] + own) @ np.array(unknown))
 
 
-def _noise(belief: Belief, bank: Bank, session: Session) -> float:
+def _noise(belief: Belief, variance: float, session: Session) -> float:
     """Return the variance that a session has on top, of fewer measurements than usual or by their own word."""
-    variance = bank.variance
     if variance <= 0.0:
         return 0.0
     of_few = 0.0

@@ -12,8 +12,8 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.trend.baseline import Baseline, baseline_of, contradicts, learn_baseline, learn_level_again
-from monitor_core.trend.belief import Belief, learn, pass_over, predict
+from monitor_core.trend.baseline import baseline_of, contradicts, learn_baseline, learn_level_again
+from monitor_core.trend.belief import Belief, Prediction, learn, pass_over, predict
 from monitor_core.trend.charts import (
     EWMA_WEIGHT,
     SHEWHART_CONSECUTIVE,
@@ -30,6 +30,7 @@ from monitor_core.trend.state import (
     Charts,
     DetectorState,
     Evidence,
+    Foreseen,
     Run,
     TrendStatus,
 )
@@ -82,9 +83,9 @@ def step(state: DetectorState, observation: Observation, design: DetectorDesign)
         state = replace(state, first_at=_first_at(state, observation.at), n_sessions=state.n_sessions + 1)
     state = replace(state, session=session, last_at=observation.at)
     design = state.of(design)
-    if state.baseline is None or state.learnt is None:
+    if state.known is None or state.learnt is None:
         return _learn(state, session, design)
-    return _watch(state, state.learnt, state.baseline, session, design)
+    return _watch(state, state.learnt, state.known, session, design)
 
 
 def _first_at(state: DetectorState, at: datetime) -> datetime:
@@ -129,7 +130,7 @@ def latest_difference(state: DetectorState) -> float | None:
     """
     if state.session is None or state.learnt is None:
         return None
-    return state.session.value - predict(state.learnt, state.session).value
+    return predict(state.learnt, state.session).difference
 
 
 def closed_session(before: DetectorState, after: DetectorState) -> ClosedSession | None:
@@ -140,7 +141,7 @@ def closed_session(before: DetectorState, after: DetectorState) -> ClosedSession
     session = before.session
     if session is None or (after.session is not None and after.session.started_at == session.started_at):
         return None
-    if before.baseline is None:
+    if before.known is None:
         return ClosedSession(session, None, None, alarmed=False)
     charts = before.charts if after.session is None else after.before
     return ClosedSession(session, charts.residual, charts.reference, alarmed=charts.alarm is not None)
@@ -151,38 +152,45 @@ def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
     session = state.session
     if session is None:
         return state
-    if state.baseline is None or state.learnt is None or state.known is None:
+    if state.learnt is None or state.known is None:
         return replace(state, learning=(*state.learning, session), session=None)
-    charts, beginnings = state.charts, state.beginnings
-    prediction, teaches = predict(state.known, session), _teaches(session, state.baseline)
-    if state.before.alarm is None:
-        beginnings, lasting = weigh(beginnings, prediction, session, towards_loss=_sign(design), learns=teaches)
-        charts = replace(charts, lasting=lasting)
+    foreseen = state.foreseen or _foreseen(state, state.learnt, predict(state.known, session), session, design)
+    charts, beginnings, prediction = state.charts, foreseen.beginnings, foreseen.prediction
     if not _is_whole(session, state.learnt):
-        charts = _judge(charts, session, state.baseline, design, whole=True)
-    known = (learn if teaches else pass_over)(state.known, prediction, session)
+        late = replace(charts, lasting=foreseen.lasting)
+        charts = _judge(late, session, state.learnt, design, whole=True)
+    known = (learn if foreseen.teaches else pass_over)(state.known, prediction, session)
     if charts.alarm is not None:
         if charts.alarm.chart is Chart.SHIRYAEV_ROBERTS and state.before.alarm is None:
             learnt = without_loss(known, beginnings, charts.alarm.onset, _sign(design))
         else:
-            learnt = _followed(state.learnt, session)
+            learnt = _followed(state, state.learnt, prediction, session)
         known, beginnings = learnt, Beginnings()
     else:
-        undisputed = charts.alert is None or _has_settled_upwards(charts, state.baseline, design)
+        undisputed = charts.alert is None or _has_settled_upwards(charts, state.learnt, design)
         calm = charts.cusum <= LEARNING_FRACTION * design.cusum_limit and undisputed
-        learnt = known if teaches and calm else _followed(state.learnt, session)
+        learnt = known if foreseen.teaches and calm else _followed(state, state.learnt, prediction, session)
     return replace(
-        state, learnt=learnt, known=known, beginnings=beginnings, session=None, before=charts,
-        baseline=baseline_of(learnt),
+        state, learnt=learnt, known=known, beginnings=beginnings, session=None, before=charts, foreseen=None
     )  # fmt: skip
 
 
-def _followed(belief: Belief, session: Session) -> Belief:
-    return pass_over(belief, predict(belief, session), session)
+def _foreseen(
+    state: DetectorState, learnt: Belief, prediction: Prediction, session: Session, design: DetectorDesign
+) -> Foreseen:
+    """Tell what comes of a session that was predicted so by what is known. Nothing is weighed while an alarm stands."""
+    teaches = not session.in_doubt and (
+        session.systematic_uncertainty <= LARGEST_SYSTEMATIC * math.sqrt(learnt.bank.variance)
+    )
+    beginnings, lasting = state.beginnings, None
+    if state.before.alarm is None:
+        beginnings, lasting = weigh(beginnings, prediction, session, towards_loss=_sign(design), learns=teaches)
+    return Foreseen(prediction, beginnings, lasting, teaches=teaches)
 
 
-def _teaches(session: Session, baseline: Baseline) -> bool:
-    return not session.in_doubt and session.systematic_uncertainty <= LARGEST_SYSTEMATIC * baseline.scatter
+def _followed(state: DetectorState, learnt: Belief, prediction: Prediction, session: Session) -> Belief:
+    """Let what is learnt pass over a session that was predicted so by what is known."""
+    return pass_over(learnt, prediction if state.known is learnt else predict(learnt, session), session)
 
 
 def _sign(design: DetectorDesign) -> float:
@@ -190,7 +198,7 @@ def _sign(design: DetectorDesign) -> float:
     return -1.0 if design.settings.loss is LossDirection.FALL else 1.0
 
 
-def _has_settled_upwards(charts: Charts, baseline: Baseline, design: DetectorDesign) -> bool:
+def _has_settled_upwards(charts: Charts, learnt: Belief, design: DetectorDesign) -> bool:
     """Tell whether an alert is about a small rise, and has lasted for as many sessions as make a baseline.
 
     They tell the level as well as those that it was first learnt from. A rise by more than :data:`LARGEST_SETTLED`, or
@@ -199,7 +207,7 @@ def _has_settled_upwards(charts: Charts, baseline: Baseline, design: DetectorDes
     run = charts.ewma_run
     if charts.ewma >= 0.0 or run is None or run.count < design.settings.baseline_size:
         return False
-    return abs(run.total / run.count) <= LARGEST_SETTLED * baseline.scatter
+    return abs(run.total / run.count) <= LARGEST_SETTLED * math.sqrt(learnt.bank.variance)
 
 
 def _learn(state: DetectorState, session: Session, design: DetectorDesign) -> DetectorState:
@@ -218,32 +226,32 @@ def _learn(state: DetectorState, session: Session, design: DetectorDesign) -> De
     if learnt is None:
         return replace(state, status=status, since=since)
     return replace(
-        _emptied(state), status=status, since=since, contradicted=contradicted, learnt=learnt, known=learnt,
-        baseline=baseline_of(learnt),
+        _emptied(state), status=status, since=since, contradicted=contradicted, learnt=learnt, known=learnt
     )  # fmt: skip
 
 
 def _watch(
-    state: DetectorState, learnt: Belief, baseline: Baseline, session: Session, design: DetectorDesign
+    state: DetectorState, learnt: Belief, known: Belief, session: Session, design: DetectorDesign
 ) -> DetectorState:
-    prediction, towards_loss = predict(learnt, session), _sign(design)
-    difference = session.value - prediction.value
+    prediction = predict(learnt, session)
+    difference = prediction.difference
     evident = float(session.evident(np.array(difference)))
-    residual = towards_loss * prediction.residual(prediction.value + evident)
+    residual = _sign(design) * prediction.residual(evident - difference)
     reference = design.cusum_reference + BASELINE_ALLOWANCE * math.sqrt(prediction.unlearnt)
-    lasting, whole = None, _is_whole(session, learnt)
-    if whole and state.known is not None and state.before.alarm is None:
-        expected = prediction if state.known == learnt else predict(state.known, session)
-        teaches = _teaches(session, baseline)
-        _, lasting = weigh(state.beginnings, expected, session, towards_loss=towards_loss, learns=teaches)
+    foreseen, whole = None, _is_whole(session, learnt)
+    if whole:
+        expected = prediction if known is learnt else predict(known, session)
+        foreseen = _foreseen(state, learnt, expected, session, design)
+    lasting = None if foreseen is None else foreseen.lasting
     before = replace(state.before, residual=residual, reference=reference, lasting=lasting)
-    judged = _judge(_charted(before, session, difference, design), session, baseline, design, whole=whole)
+    judged = _judge(_charted(before, session, difference, design), session, learnt, design, whole=whole)
     status = TrendStatus.ALARM if judged.alarm else TrendStatus.ALERT if judged.alert else TrendStatus.NORMAL
     return replace(
         state,
         status=status,
         since=state.since if status is state.status else session.last_at,
         charts=judged,
+        foreseen=foreseen,
     )
 
 
@@ -275,7 +283,7 @@ def _is_whole(session: Session, learnt: Belief) -> bool:
     return session.count * learnt.n_sessions >= WHOLE * learnt.n_observations
 
 
-def _judge(charts: Charts, session: Session, baseline: Baseline, design: DetectorDesign, *, whole: bool) -> Charts:
+def _judge(charts: Charts, session: Session, learnt: Belief, design: DetectorDesign, *, whole: bool) -> Charts:
     """Raise, keep or release alarm and alert from the charts as they are now.
 
     A session that is not whole yet raises nothing but the alarm of a sudden loss: whoever looks twenty times finds
@@ -283,15 +291,15 @@ def _judge(charts: Charts, session: Session, baseline: Baseline, design: Detecto
     """
     alarm, alert, at = charts.alarm, charts.alert, session.last_at
     if alarm is None and charts.shewhart_run is not None and session.count > 1 and charts.residual > SUDDEN_LIMIT:
-        change = charts.shewhart_run.mean_change(baseline)
+        change = charts.shewhart_run.mean_change(baseline_of(learnt))
         alarm = Evidence(Chart.SHEWHART, at, charts.residual, SUDDEN_LIMIT, charts.shewhart_run.since, change)
     if not whole:
         return replace(charts, alarm=alarm)
     if alarm is None and charts.shewhart_run is not None and charts.shewhart_run.count >= SHEWHART_CONSECUTIVE:
-        change = charts.shewhart_run.mean_change(baseline)
+        change = charts.shewhart_run.mean_change(baseline_of(learnt))
         alarm = Evidence(Chart.SHEWHART, at, charts.residual, design.shewhart_limit, charts.shewhart_run.since, change)
     if alarm is None and charts.cusum_run is not None and charts.cusum > design.cusum_limit:
-        change = charts.cusum_run.mean_change(baseline)
+        change = charts.cusum_run.mean_change(baseline_of(learnt))
         alarm = Evidence(Chart.CUSUM, at, charts.cusum, design.cusum_limit, charts.cusum_run.since, change)
     lasting = charts.lasting
     if alarm is None and lasting is not None and lasting.log_evidence > design.evidence_limit:
@@ -301,7 +309,7 @@ def _judge(charts: Charts, session: Session, baseline: Baseline, design: Detecto
         run = charts.cusum_run or _extend(None, session.started_at, lasting.change.value)
         charts = replace(charts, cusum=max(charts.cusum, design.cusum_limit), cusum_run=run)
     if alert is None and charts.ewma_run is not None and abs(charts.ewma) > design.ewma_limit:
-        change = charts.ewma_run.mean_change(baseline)
+        change = charts.ewma_run.mean_change(baseline_of(learnt))
         alert = Evidence(Chart.EWMA, at, charts.ewma, design.ewma_limit, charts.ewma_run.since, change)
 
     alarm_charts_low = charts.cusum < RELEASE_FRACTION * design.cusum_limit and charts.shewhart_run is None

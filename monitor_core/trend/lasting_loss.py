@@ -18,22 +18,15 @@ neighbours that say least are made one, which keeps the evidence of both.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 import scipy
 
 from monitor_core.arrays import FloatArray
-from monitor_core.trend.belief import (
-    STRUCTURES,
-    Bank,
-    Belief,
-    Prediction,
-    bank_of,
-    with_bank,
-)
+from monitor_core.trend.belief import N_COEFFICIENTS, STRUCTURES, Belief, Numbers, Prediction
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
 
@@ -45,12 +38,47 @@ LARGEST_WORD = 3.0
 KEPT = 4
 
 
+class Said(Numbers):
+    """What the sessions say of each beginning, by structure.
+
+    ``sums``, shape (n_beginnings, n_structures, size + 2), are the effect of a unit step on what the filter believes,
+    the sum of its share g times the error over the variance [unit of the values], and that of g² over the variance.
+    ``merged``, (n_beginnings,), is the logarithm of what others that a beginning stands for add, as a factor.
+    """
+
+    __slots__ = ("merged", "sums")
+
+    def __init__(self, sums: FloatArray, merged: FloatArray) -> None:
+        """Take the arrays as they are."""
+        self.sums, self.merged = sums, merged
+
+    def numbers(self) -> FloatArray:
+        """Return effects, cross products, information and merged of each beginning."""
+        count = len(self.merged)
+        effect = self.sums[..., :-2].reshape(count, math.prod(self.sums.shape[1:]) - 2 * len(STRUCTURES))
+        return np.hstack((effect, self.sums[..., -2], self.sums[..., -1], self.merged[:, None]))
+
+    @classmethod
+    def of(cls, numbers: FloatArray) -> "Said":
+        """Return what such numbers say, in a row or not."""
+        structures = len(STRUCTURES)
+        rows = numbers.reshape(-1, structures * (_EFFECT + 2) + 1)
+        count = len(rows)
+        effect = rows[:, : structures * _EFFECT].reshape(count, structures, _EFFECT)
+        sums = rows[:, structures * _EFFECT : -1].reshape(count, 2, structures).transpose(0, 2, 1)
+        return cls(np.concatenate((effect, sums), axis=2), rows[:, -1].copy())
+
+
+_EFFECT = N_COEFFICIENTS + 1
+_NOTHING = Said(np.zeros((0, len(STRUCTURES), _EFFECT + 2)), np.zeros(0))
+
+
 @dataclass(frozen=True, slots=True)
 class Beginnings:
     """Sessions in which a lasting loss may have begun, the oldest first; none before anything is watched."""
 
     at: tuple[datetime, ...] = ()
-    numbers: tuple[float, ...] = ()  # of each what the sessions since say, see :class:`_Weighed`
+    said: Said = _NOTHING
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,28 +88,6 @@ class LastingLoss:
     log_evidence: float  # ln R
     onset: datetime  # the beginning that explains the sessions best
     change: Estimate  # of the level since then, in the unit of the observations
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Weighed:
-    """What the sessions say of each beginning, by structure; shapes (n_beginnings, n_structures, …)."""
-
-    effect: FloatArray  # of a unit step on what the filter believes, (…, size of its state)
-    cross: FloatArray  # sum of g times error over its variance [unit of the values]
-    information: FloatArray  # sum of g² over the variance of the error, in units of σ²
-    merged: FloatArray  # (n_beginnings,), logarithm of what others that it stands for add, as a factor
-
-    def numbers(self) -> tuple[float, ...]:
-        """Return all numbers, beginning by beginning."""
-        count = len(self.merged)
-        effect = self.effect.reshape(count, math.prod(self.effect.shape[1:]))
-        columns = (effect, self.cross, self.information, self.merged[:, None])
-        return tuple(np.hstack(columns).ravel().tolist())
-
-    def without(self, which: int) -> "_Weighed":
-        """Return the other beginnings."""
-        left = [i for i in range(len(self.merged)) if i != which]
-        return _Weighed(self.effect[left], self.cross[left], self.information[left], self.merged[left])
 
 
 def weigh(
@@ -98,32 +104,29 @@ def weigh(
     nothing either and begins nothing: what scatter there is would not be known. The loss is None for it, and as long as
     no session before this one can be its beginning: what one session says alone is none that lasts.
     """
-    before = _weighed(beginnings, prediction.design.size)
+    before, count = beginnings.said, len(beginnings.at)
+    sums = np.zeros((count + learns, *before.sums.shape[1:]))  # a loss may begin now as well
+    sums[:count] = before.sums
+    sums[..., _EFFECT - 1] *= prediction.decay
+    left = 1.0 - sums[..., :_EFFECT] @ prediction.design[:-1]  # of a unit step in the error of this session
     if not learns:
-        effect, left = _left_of_a_step(before, prediction)
-        effect += left[..., None] * prediction.gain_of_dependence
-        return Beginnings(beginnings.at, replace(before, effect=effect).numbers()), None
-    before, at = _with_one_more(before), (*beginnings.at, session.started_at)
-    effect, left = _left_of_a_step(before, prediction)
-    off = prediction.error(session.value)
-    largest, spread = LARGEST_WORD * prediction.scale, prediction.spread
-    error = towards_loss * np.clip(session.evident(off), -largest, largest)
-    weighed = _Weighed(
-        effect + left[..., None] * prediction.gain,
-        before.cross + left * error / spread,
-        before.information + left**2 / spread,
-        before.merged,
-    )
-    bank = prediction.bank
-    rate = bank.rate + 0.5 * error**2 / spread
-    healthy = replace(bank, shape=bank.shape + 0.5, rate=rate, log_weight=prediction.log_weight(off))
-    each, loss = _log_evidence(weighed, healthy), None
-    if beginnings.at:
+        sums[..., _EFFECT - 1] += left * prediction.gain[:, -2]
+        return Beginnings(beginnings.at, Said(sums, before.merged)), None
+    largest = LARGEST_WORD * prediction.scale
+    error = towards_loss * np.minimum(np.maximum(session.evident(prediction.error), -largest), largest)
+    in_spread = left / prediction.spread
+    sums[..., :_EFFECT] += left[..., None] * prediction.gain[:, :-1]
+    sums[..., -2] += in_spread * error
+    sums[..., -1] += in_spread * left
+    squares = 2.0 * prediction.bank.rate + error * error / prediction.spread
+    at, merged = (*beginnings.at, session.started_at), np.append(before.merged, 0.0)
+    each, loss = _log_evidence(sums, squares, prediction), None
+    if count:
         best = int(np.argmax(each[:-1]))
-        log_evidence = float(np.logaddexp.reduce((each + weighed.merged)[:-1]))
-        loss = LastingLoss(log_evidence, at[best], _change(weighed, best, healthy, towards_loss))
-    at, weighed = _thinned(at, weighed, each)
-    return Beginnings(at, weighed.numbers()), loss
+        log_evidence = float(np.logaddexp.reduce((each + merged)[:-1]))
+        loss = LastingLoss(log_evidence, at[best], _change(sums[best], squares, prediction, towards_loss))
+    at, kept, merged = _thinned(at, each, merged)
+    return Beginnings(at, Said(sums[kept], merged)), loss
 
 
 def without_loss(belief: Belief, beginnings: Beginnings, onset: datetime, towards_loss: float) -> Belief:
@@ -132,65 +135,55 @@ def without_loss(belief: Belief, beginnings: Beginnings, onset: datetime, toward
     The filter has taken some of the loss for level, season or dependence; that is given back, with the uncertainty of
     the loss.
     """
-    bank = bank_of(belief)
-    weighed = _weighed(beginnings, bank.mean.shape[1])
     nearest = min(range(len(beginnings.at)), key=lambda i: abs(beginnings.at[i] - onset))
-    effect, information = weighed.effect[nearest], weighed.information[nearest] + STEP**-2
-    step = towards_loss * np.maximum(weighed.cross[nearest], 0.0) / information
-    unknown = effect[:, :, None] * effect[:, None, :] / information[:, None, None]
-    healthy = replace(bank, mean=bank.mean - effect * step[:, None], covariance=bank.covariance + unknown)
-    return with_bank(belief, healthy)
+    sums = beginnings.said.sums[nearest]
+    effect, information = sums[:, :-2], sums[:, -1] + STEP**-2
+    step = towards_loss * np.maximum(sums[:, -2], 0.0) / information
+    healthy = belief.bank.with_covariance(effect[:, :, None] * effect[:, None, :] / information[:, None, None])
+    healthy.joint[:, :-1, -1] -= effect * step[:, None]
+    healthy.joint[:, -1, :-1] = healthy.joint[:, :-1, -1]
+    return replace(belief, bank=healthy)
 
 
-def _log_evidence(weighed: _Weighed, healthy: Bank) -> FloatArray:
-    """Return by how much each beginning predicts better than none, all steps of a loss integrated out."""
-    information = weighed.information + STEP**-2
-    with_step = healthy.rate - 0.5 * weighed.cross**2 / information
-    upwards = weighed.cross / np.sqrt(information * with_step / healthy.shape)
+def _log_evidence(sums: FloatArray, squares: FloatArray, prediction: Prediction) -> FloatArray:
+    """Return by how much each beginning predicts better than none, all steps of a loss integrated out.
+
+    ``squares`` is 2b of a healthy axis after the session.
+    """
+    shape = prediction.bank.shape + 0.5
+    cross, information = sums[..., -2], sums[..., -1] + STEP**-2
+    with_step = squares - cross * cross / information
+    upwards = cross * np.sqrt(2.0 * shape / (information * with_step))
     of_structure = (
-        healthy.shape * np.log(healthy.rate / with_step) - 0.5 * np.log(STEP**2 * information)
+        shape * np.log(squares / with_step) - 0.5 * np.log(STEP**2 * information)
         + math.log(2.0) + scipy.special.log_ndtr(upwards)
     )  # fmt: skip
-    return np.asarray(np.logaddexp.reduce(healthy.log_weight + of_structure, axis=1))
+    return np.asarray(np.logaddexp.reduce(prediction.log_weight + of_structure, axis=1))
 
 
-def _left_of_a_step(weighed: _Weighed, prediction: Prediction) -> tuple[FloatArray, FloatArray]:
-    """Return what unit steps have done to the state when a session is predicted, and what is left in its error."""
-    effect = weighed.effect.copy()
-    effect[..., -1] *= prediction.decay
-    return effect, 1.0 - effect @ prediction.design
-
-
-def _change(weighed: _Weighed, which: int, healthy: Bank, towards_loss: float) -> Estimate:
+def _change(sums: FloatArray, squares: FloatArray, prediction: Prediction, towards_loss: float) -> Estimate:
     """Return the step since a beginning, over all structures."""
-    information = weighed.information[which] + STEP**-2
-    size, weight = np.maximum(weighed.cross[which], 0.0) / information, healthy.weight
+    degrees, weight = 2.0 * prediction.bank.shape + 1.0, np.exp(prediction.log_weight)
+    information = sums[:, -1] + STEP**-2
+    size = np.maximum(sums[:, -2], 0.0) / information
     mean = float(weight @ size)
-    variance = float(weight @ (healthy.rate / healthy.shape / information + (size - mean) ** 2))
-    return Estimate(towards_loss * mean, math.sqrt(variance), float(weight @ (2.0 * healthy.shape)))
+    variance = float(weight @ (squares / (degrees * information) + (size - mean) ** 2))
+    return Estimate(towards_loss * mean, math.sqrt(variance), degrees)
 
 
-def _thinned(at: tuple[datetime, ...], weighed: _Weighed, each: FloatArray) -> tuple[tuple[datetime, ...], _Weighed]:
-    """Make one of two neighbours until few are left: first of those that say little and lie close together."""
-    while len(at) > KEPT:
-        own = each + weighed.merged
-        apart = np.array([(later - at[i]).total_seconds() for i, later in enumerate(at[1:])])
-        pair = np.logaddexp(own[:-1], own[1:]) + np.log(apart)
-        i = int(np.argmin(pair[:-1]))  # the newest stays: nothing is known of it yet
-        stays, goes = (i, i + 1) if own[i] >= own[i + 1] else (i + 1, i)
-        weighed.merged[stays] = np.logaddexp(own[i], own[i + 1]) - each[stays]
-        at, weighed, each = (*at[:goes], *at[goes + 1 :]), weighed.without(goes), np.delete(each, goes)
-    return at, weighed
+def _thinned(
+    at: tuple[datetime, ...], each: FloatArray, merged: FloatArray
+) -> tuple[tuple[datetime, ...], list[int], FloatArray]:
+    """Make one of two neighbours until few are left: first of those that say little and lie close together.
 
-
-def _weighed(beginnings: Beginnings, size: int) -> _Weighed:
-    count, structures = len(beginnings.at), len(STRUCTURES)
-    rows = np.array(beginnings.numbers, dtype=np.float64).reshape(count, structures * (size + 2) + 1)
-    effect, cross, information, merged = np.split(rows, np.cumsum([structures * size, structures, structures]), axis=1)
-    return _Weighed(effect.reshape(count, structures, size), cross, information, merged[:, 0])
-
-
-def _with_one_more(weighed: _Weighed) -> _Weighed:
-    """Let a loss begin now as well."""
-    arrays: Sequence[FloatArray] = (weighed.effect, weighed.cross, weighed.information, weighed.merged)
-    return _Weighed(*(np.concatenate((array, np.zeros((1, *array.shape[1:])))) for array in arrays))
+    Returned are the times of those that stay, which they were, and what each stands for.
+    """
+    kept, own = list(range(len(at))), (each + merged).tolist()
+    while len(kept) > KEPT:
+        pair = np.logaddexp(own[:-1], own[1:])
+        apart = [(at[later] - at[i]).total_seconds() for i, later in pairwise(kept)]
+        i = int(np.argmin((pair + np.log(apart))[:-1]))  # the newest stays: nothing is known of it yet
+        goes = i + 1 if own[i] >= own[i + 1] else i
+        own[i : i + 2] = [float(pair[i])]
+        del kept[goes]
+    return tuple(at[i] for i in kept), kept, np.array(own) - each[kept]

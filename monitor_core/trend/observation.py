@@ -77,8 +77,8 @@ class Session:
 
     def evident(self, difference: FloatArray) -> FloatArray:
         """Return what is left of differences once payload, temperature and position have explained what they can."""
-        left = np.maximum(np.abs(difference) - DEAD_ZONE * self.systematic_uncertainty, 0.0)
-        return np.asarray(np.copysign(left, difference))
+        zone = DEAD_ZONE * self.systematic_uncertainty
+        return np.asarray(difference - np.minimum(np.maximum(difference, -zone), zone))
 
     def with_observation(self, new: Observation) -> "Session":
         """Return the session with one more measurement (recursive mean and sum of squares after Welford)."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.trend.belief import N_COEFFICIENTS, Belief, Prior, bank_of
+from monitor_core.trend.belief import N_COEFFICIENTS, Belief, Prior
 
 #: The scatter of one sister is worth so many degrees of freedom at most, however old she is: axes differ.
 MOST_DEGREES_OF_FREEDOM = 20.0
@@ -27,7 +27,7 @@ def prior_from(sisters: Sequence[Belief], default: Prior | None = None) -> Prior
     prior = default or Prior()
     if not sisters:
         return prior
-    banks = [bank_of(sister) for sister in sisters]
+    banks = [sister.bank for sister in sisters]
     count = len(banks)
     weights = (np.array(prior.weights) + sum(bank.weight for bank in banks)) / (1.0 + count)
 

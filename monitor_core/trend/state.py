@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
 
-from monitor_core.trend.baseline import Baseline
-from monitor_core.trend.belief import Belief, Prior
+from monitor_core.trend.baseline import Baseline, baseline_of
+from monitor_core.trend.belief import Belief, Prediction, Prior
 from monitor_core.trend.charts import SESSIONS_PER_YEAR, DetectorDesign
 from monitor_core.trend.lasting_loss import Beginnings, LastingLoss
 from monitor_core.trend.observation import Session
@@ -76,9 +76,21 @@ class Charts:
     quiet_alert: int = 0
 
 
+class Foreseen:
+    """What comes of a session if it ends as it is: how it was expected by ``known``, and what it says of a loss."""
+
+    __slots__ = ("beginnings", "lasting", "prediction", "teaches")
+
+    def __init__(
+        self, prediction: Prediction, beginnings: Beginnings, lasting: LastingLoss | None, *, teaches: bool
+    ) -> None:
+        """Keep what was found."""
+        self.prediction, self.beginnings, self.lasting, self.teaches = prediction, beginnings, lasting, teaches
+
+
 @dataclass(frozen=True, slots=True)
 class DetectorState:
-    """Everything the detector remembers. Plain values only: a caller stores it between measurements.
+    """Everything the detector remembers. A caller stores it between measurements, but ``foreseen``.
 
     A session is judged from its first measurement on and learnt when it is over: ``before`` are the charts before it,
     ``charts`` with what it has so far. How often sessions come is counted from the first on, whatever becomes of them;
@@ -100,9 +112,15 @@ class DetectorState:
     learnt: Belief | None = None
     known: Belief | None = None
     beginnings: Beginnings = field(default_factory=Beginnings)
-    baseline: Baseline | None = None  # what is learnt, for people; None as long as no alarm can be raised
     before: Charts = Charts()
     charts: Charts = Charts()
+    # of the session that is going on, so that it is told once; None: not told yet
+    foreseen: Foreseen | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def baseline(self) -> Baseline | None:
+        """What is learnt, for people; None as long as no alarm can be raised."""
+        return None if self.learnt is None or self.known is None else baseline_of(self.learnt)
 
     @property
     def prior_in_use(self) -> Prior | None:
@@ -111,7 +129,7 @@ class DetectorState:
 
     def of(self, design: DetectorDesign) -> DetectorDesign:
         """Return the limits at the pace at which the sessions of this axis come, once its baseline shows one."""
-        if self.first_at is None or self.baseline is None or self.last_at is None:
+        if self.first_at is None or self.known is None or self.last_at is None:
             return design
         now = self.last_at if self.session is None else self.session.started_at
         span = (now - self.first_at) / timedelta(days=SESSIONS_PER_YEAR)

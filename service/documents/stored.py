@@ -4,6 +4,7 @@ What cannot be read is refused with a sentence, for the axis that it belongs to;
 state would look like an axis about which nothing is known yet.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -28,10 +29,13 @@ class StoredRecord(Generic[Record]):
     version: int  # of the members that are written now
     remedy: str  # what to do about one that cannot be read
     added: frozenset[str] = frozenset()  # members with a default that documents of this version may still lack
+    # in place of the adapter, for what JSON does not know
+    packed: Callable[[Record], JsonObject] | None = None
+    unpacked: Callable[[JsonObject], Record] | None = None
 
     def dump(self, record: Record) -> JsonObject:
         """Return a record as a document."""
-        return {VERSION: self.version, **self.adapter.dump_python(record, mode="json")}
+        return {VERSION: self.version, **self._written(record)}
 
     def is_older(self, document: object) -> bool:
         """Tell whether a document was written by an older version of the program."""
@@ -50,15 +54,22 @@ class StoredRecord(Generic[Record]):
             raise self._refusal(f"expected version {self.version}; got {version}")
         members = {name: value for name, value in document.items() if name != VERSION}
         try:
-            record = self.adapter.validate_python(members)
+            record = self.unpacked(members) if self.unpacked else self.adapter.validate_python(members)
         except ValidationError as error:
             problem = error.errors(include_url=False)[0]
             raise self._refusal(f"at {'/'.join(map(str, problem['loc'])) or 'its root'}: {problem['msg']}") from error
-        written = self.adapter.dump_python(record, mode="json")
-        written = {name: value for name, value in written.items() if name in members or name not in self.added}
+        written = {
+            name: value for name, value in self._written(record).items() if name in members or name not in self.added
+        }
         if written != members and _members(written) != _members(members):  # alike, as a rule
             raise self._refusal(f"it has other members than version {self.version} has")
         return record
+
+    def _written(self, record: Record) -> JsonObject:
+        if self.packed is not None:
+            return self.packed(record)
+        document: JsonObject = self.adapter.dump_python(record, mode="json")
+        return document
 
     def _refusal(self, reason: str) -> DocumentDamagedError:
         return DocumentDamagedError(f"the stored {self.name} of this axis cannot be read: {reason}; {self.remedy}")

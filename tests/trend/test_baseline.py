@@ -1,7 +1,6 @@
 """What is learnt of a healthy axis: sessions, filter, baseline, what sisters lend, and the line of the trend."""
 
 import math
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy import stats
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import Observation, Prior, learn_baseline
 from monitor_core.trend.baseline import CONTRADICTED_BY_CHANCE, baseline_of, contradicts
-from monitor_core.trend.belief import STRUCTURES, bank_of, begin, change_in_a_day, learn, pass_over, predict
+from monitor_core.trend.belief import STRUCTURES, begin, change_in_a_day, learn, pass_over, predict
 from monitor_core.trend.line import trend_line
 from monitor_core.trend.observation import first_of, sessions_of
 from monitor_core.trend.sisters import prior_from
@@ -43,7 +42,7 @@ def learnt(values, prior=None, **kwargs):
 
 def residual(belief, value, days=1, **kwargs):
     session = first_of(Observation(belief.last_at + days * DAY, value, **kwargs))
-    return predict(belief, session).residual(value)
+    return predict(belief, session).residual()
 
 
 # --- sessions --------------------------------------------------------------------------------------------------------
@@ -116,7 +115,7 @@ def test_the_filter_is_the_multivariate_t_of_all_sessions_together(subtests):
             prediction = predict(belief, sessions[-1])
             assert prediction.value == pytest.approx(values[0] + weights @ error[:-1], rel=1e-6)
             # the autoregression begins in its stationary state in both
-            assert prediction.residual(values[-1]) == pytest.approx(expected, abs=1e-5)
+            assert prediction.residual() == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.release
@@ -271,10 +270,10 @@ def test_a_structure_that_lags_behind_its_thermometer_is_learnt():
         structure[day] = state
     values = 300.0 + 6.0 * (structure - air) + 5.0 * rng.standard_normal(200)  # corrected by the air that was measured
     own = learnt(values, temperatures=air)
-    scatter = math.sqrt(bank_of(own).variance)
+    scatter = math.sqrt(own.bank.variance)
     alone = learnt(values)
     assert scatter == pytest.approx(5.0, rel=0.2)
-    assert math.sqrt(bank_of(alone).variance) > 1.4 * scatter
+    assert math.sqrt(alone.bank.variance) > 1.4 * scatter
     warmer = [
         predict(own, first_of(Observation(own.last_at + DAY, 300.0, temperature=float(air[-1] + kelvin)))).value
         for kelvin in (0.0, 5.0)
@@ -379,9 +378,3 @@ def test_what_is_lost_slowly_is_not_learnt_away_in_the_line():
     values = 300.0 - 36.5 * np.arange(300) / 365.25 + 3.0 * np.random.default_rng(10).standard_normal(300)
     line = trend_line(sessions_of(observations(values)))
     assert line.slope.value + 3.0 * line.slope.standard_uncertainty < 0.0
-
-
-def test_a_belief_is_plain_numbers():
-    belief = learnt([290.0, 310.0] * 10)
-    assert all(isinstance(number, float) for number in belief.numbers)
-    assert replace(belief) == belief

@@ -6,17 +6,23 @@ times as long to read.
 """
 
 import base64
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime, timedelta
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
+from monitor_core.arrays import FloatArray
 from monitor_core.pipeline import AxisState
 from monitor_core.trend import (
+    Bank,
     ClosedSession,
     DetectorDesign,
     DetectorState,
+    Numbers,
+    Said,
     TrendStatus,
     reset,
     state_at,
@@ -30,13 +36,66 @@ from service.store.trend.sessions import SessionRecord
 
 #: Written where both beliefs are one.
 _AS_LEARNT = "as learnt"
-_PACKED = ("learnt", "known", "beginnings")  # members of the detector that hold such numbers
+#: Written by earlier programs, and told from the rest.
+_NOT_KEPT = {"baseline"}
+#: Members of the detector that hold such numbers, and what makes arrays of them.
+_PACKED: dict[str, tuple[str, Callable[[FloatArray], Numbers]]] = {
+    "learnt": ("bank", Bank.of), "known": ("bank", Bank.of), "beginnings": ("said", Said.of)
+}  # fmt: skip
+#: "or None", for pydantic takes no configuration for a dataclass alone.
+_ADAPTER: TypeAdapter[AxisState] = TypeAdapter(
+    AxisState | None,  # type: ignore[arg-type]
+    config=ConfigDict(arbitrary_types_allowed=True),
+)
+
+
+def _text_of(numbers: Numbers) -> str:
+    return base64.b64encode(numbers.numbers().astype("<f8").tobytes()).decode()
+
+
+def _packed(state: AxisState) -> JsonObject:
+    detector = replace(state.detector, foreseen=None)
+    one = detector.known is not None and detector.known == detector.learnt
+    if one:
+        detector = replace(detector, known=None)
+    document = _ADAPTER.dump_python(replace(state, detector=detector), mode="json", fallback=_text_of)
+    members = document["detector"]
+    for name, (arrays, _) in _PACKED.items():
+        if members[name] is not None:
+            members[name]["numbers"] = members[name].pop(arrays)
+    if one:
+        members["known"] = _AS_LEARNT
+    del members["foreseen"]
+    return dict(document)
+
+
+def _unpacked(document: JsonObject) -> AxisState:
+    """Read a state with the numbers of its beliefs as arrays; what is no packed state is left to be refused."""
+    stored = document.get("detector")
+    if not isinstance(stored, dict):
+        return _ADAPTER.validate_python(document)
+    detector = stored | {"foreseen": None}
+    for name, (arrays, of) in _PACKED.items():
+        member = detector.get(name)
+        if isinstance(member, dict) and isinstance(member.get("numbers"), str):
+            with suppress(ValueError):
+                numbers = np.frombuffer(base64.b64decode(member["numbers"], validate=True), "<f8")
+                left = {key: value for key, value in member.items() if key != "numbers"}
+                detector[name] = left | {arrays: of(numbers)}
+    one = detector.get("known") == _AS_LEARNT
+    state = _ADAPTER.validate_python(document | {"detector": detector | ({"known": None} if one else {})})
+    return replace(state, detector=replace(state.detector, known=state.detector.learnt)) if one else state
+
+
 _STATE = StoredRecord(
     "state of the charts",
-    TypeAdapter(AxisState),
+    _ADAPTER,
     version=6,  # friction is that of all moves, known in nearly every measurement
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
+    packed=_packed,
+    unpacked=_unpacked,
 )
+
 _DESIGN = StoredRecord(
     "limits of the charts",
     TypeAdapter(DetectorDesign),
@@ -50,40 +109,17 @@ def load_state(document: Json) -> AxisState:
 
     Raises DocumentDamagedError, here and below, if what is stored cannot be read.
     """
-    return AxisState() if document is None else _STATE.load(_unpacked(document))
+    if document is None:
+        return AxisState()
+    if isinstance(document, dict) and isinstance(document.get("detector"), dict):
+        detector = {name: value for name, value in document["detector"].items() if name not in _NOT_KEPT}
+        document = document | {"detector": detector}
+    return _STATE.load(document)
 
 
 def dump_state(state: AxisState) -> JsonObject:
     """Return the state as a JSON document."""
-    document = _STATE.dump(state)
-    detector = document["detector"]
-    if isinstance(detector, dict):
-        if detector["known"] == detector["learnt"]:
-            detector["known"] = _AS_LEARNT
-        for member in [detector[name] for name in _PACKED if isinstance(detector[name], dict)]:
-            member["numbers"] = base64.b64encode(np.array(member["numbers"], "<f8").tobytes()).decode()
-    return document
-
-
-def _unpacked(document: Json) -> Json:
-    """Return a state with the numbers of its beliefs as lists; what is no packed state is left to be refused."""
-    detector = document.get("detector") if isinstance(document, dict) else None
-    if not isinstance(document, dict) or not isinstance(detector, dict):
-        return document
-    members = {name: _unpacked_member(detector.get(name)) for name in _PACKED}
-    if members["known"] == _AS_LEARNT:
-        members["known"] = members["learnt"]
-    present = {name: member for name, member in members.items() if name in detector}
-    return document | {"detector": detector | present}
-
-
-def _unpacked_member(member: Json) -> Json:
-    packed = member.get("numbers") if isinstance(member, dict) else None
-    if not isinstance(member, dict) or not isinstance(packed, str):
-        return member
-    with suppress(ValueError):
-        return member | {"numbers": np.frombuffer(base64.b64decode(packed, validate=True), "<f8").tolist()}
-    return member
+    return _STATE.dump(state)
 
 
 def load_design(document: Json) -> DetectorDesign:
