@@ -55,15 +55,15 @@ def _text_of(numbers: Numbers) -> str:
 
 def _packed(state: AxisState) -> JsonObject:
     detector = replace(state.detector, foreseen=None)
-    one = detector.known is not None and detector.known == detector.learnt
-    if one:
+    as_learnt = detector.known is not None and detector.known == detector.learnt
+    if as_learnt:
         detector = replace(detector, known=None)
     document = _ADAPTER.dump_python(replace(state, detector=detector), mode="json", fallback=_text_of)
     members = document["detector"]
     for name, (arrays, _) in _PACKED.items():
         if members[name] is not None:
             members[name]["numbers"] = members[name].pop(arrays)
-    if one:
+    if as_learnt:
         members["known"] = _AS_LEARNT
     del members["foreseen"]
     return dict(document)
@@ -82,9 +82,9 @@ def _unpacked(document: JsonObject) -> AxisState:
                 numbers = np.frombuffer(base64.b64decode(member["numbers"], validate=True), "<f8")
                 left = {key: value for key, value in member.items() if key != "numbers"}
                 detector[name] = left | {arrays: of(numbers)}
-    one = detector.get("known") == _AS_LEARNT
-    state = _ADAPTER.validate_python(document | {"detector": detector | ({"known": None} if one else {})})
-    return replace(state, detector=replace(state.detector, known=state.detector.learnt)) if one else state
+    as_learnt = detector.get("known") == _AS_LEARNT
+    state = _ADAPTER.validate_python(document | {"detector": detector | ({"known": None} if as_learnt else {})})
+    return replace(state, detector=replace(state.detector, known=state.detector.learnt)) if as_learnt else state
 
 
 _STATE = StoredRecord(
