@@ -55,6 +55,7 @@ class Day:
     values: tuple[float, ...]
     temperature: float | None = None
     friction_torque: float | None = None
+    lubricated: bool = False  # since the day before, by the log
 
 
 History = Callable[[np.random.Generator, int], list[Day]]
@@ -132,6 +133,18 @@ def lubricated(rng: np.random.Generator, days: int, size: float, known_to: float
     return [Day((float(v),), None, float(t)) for v, t in zip(values, torque, strict=True)]
 
 
+def greased(rng: np.random.Generator, days: int, *, torque: bool = False, log: bool = False) -> list[Day]:
+    """Draw fresh grease: friction 30 % higher at once, and a level that differs by one from grease to grease."""
+    since = (np.arange(days) + rng.integers(90)) % 90
+    levels = rng.standard_normal(days // 90 + 2)[np.cumsum(since == 0)] / math.sqrt(2.0)
+    values = rng.standard_normal(days) + levels
+    friction = 0.1 * (1.0 + 0.3 * np.exp(-since / 30.0)) * (1.0 + 0.02 * rng.standard_normal(days))
+    return [
+        Day((float(v),), None, float(f) if torque else None, lubricated=bool(log and s == 0))
+        for v, f, s in zip(values, friction, since, strict=True)
+    ]
+
+
 def stated_shop(rng: np.random.Generator, days: int, season_size: float, lubrication: float) -> list[Day]:
     """Draw a shop whose temperature and friction torque are measured."""
     air, friction = season(rng, days), saw_tooth(rng, days)
@@ -174,6 +187,9 @@ ROWS: dict[str, History] = {
     "hourly 0.95, 24 a day": lambda rng, days: hourly(rng, days, 24),
     "friction of guides": lambda rng, days: with_friction(rng, days, told=True),
     "friction of guides, untold": lambda rng, days: with_friction(rng, days, told=False),
+    "fresh grease, torque measured": lambda rng, days: greased(rng, days, torque=True),
+    "fresh grease, logged": lambda rng, days: greased(rng, days, log=True),
+    "fresh grease, untold": greased,
 }
 #: Asks for the last table.
 OWN_RATE = "own rate"
@@ -201,7 +217,12 @@ def observations(days: list[Day]) -> list[Observation]:
         apart = timedelta(hours=hours_apart(len(day.values)))
         for i, value in enumerate(day.values):
             at = START + timedelta(days=number) + i * apart
-            found.append(Observation(at, value, temperature=day.temperature, friction_torque=day.friction_torque))
+            found.append(
+                Observation(
+                    at, value, temperature=day.temperature, friction_torque=day.friction_torque,
+                    lubricated=day.lubricated and i == 0,
+                )
+            )  # fmt: skip
     return found
 
 
@@ -228,15 +249,15 @@ def alarms_of_many(row: str, seed: int, years: int, axes: list[int]) -> list[lis
     for axis in axes:
         rng = np.random.default_rng([2028, seed, list(ROWS).index(row), axis])
         lives.append([
-            (number * 86400.0 + i * hours_apart(len(day.values)) * 3600.0, value, *unless_stated(day))
+            (number * 86400.0 + i * hours_apart(len(day.values)) * 3600.0, value, *unless_stated(day), day.lubricated)
             for number, day in enumerate(ROWS[row](rng, years * DAYS + 20)) for i, value in enumerate(day.values)
         ])  # fmt: skip
-    measured = np.array(lives).transpose(2, 1, 0)  # time, value, temperature, friction; measurement; axis
+    measured = np.array(lives).transpose(2, 1, 0)  # time, value, temperature, friction, log; measurement; axis
     charts = ManyCharts(len(axes), limits())
     alarms, watched = np.zeros((years, len(axes)), dtype=int), np.zeros((years * DAYS + 20, len(axes)), dtype=bool)
-    for at, value, temperature, friction in zip(*measured, strict=True):
+    for at, *rest in zip(*measured, strict=True):
         day = int(at[0] // 86400.0)
-        alarmed = charts.step(at[0], value, temperature, friction)
+        alarmed = charts.step(at[0], *rest)
         watched[day] |= charts.watching | alarmed
         alarms[min(max(day - 20, 0) // DAYS, years - 1)] += alarmed
     of_year = watched.astype(int)
@@ -315,7 +336,7 @@ class Ledger:
             pool = stack.enter_context(ProcessPoolExecutor(self.workers)) if self.workers > 1 else None
             results = map(function, parts) if pool is None else pool.map(function, parts)
             for part, result in zip(parts, results, strict=True):
-                new = {keys[axis]: one for axis, one in zip(part, result, strict=True)}
+                new = {keys[axis]: of_axis for axis, of_axis in zip(part, result, strict=True)}
                 self.found |= new
                 if self.path is not None:
                     with self.path.open("a", encoding="utf-8") as file:
@@ -344,8 +365,8 @@ def main(arguments: list[str]) -> None:
     print("healthy axis                 false alarms a year, stated 1, with 95 % interval, in the years of its life:")
     print(f"{'':29s}{''.join(f'year {year + 1:<10d}' for year in range(years))}all         axis-years")
     for row in [row for row in ROWS if row in wanted]:
-        one = partial(each, partial(alarms_of, row, seed, years=years))
-        function, together = (partial(alarms_of_many, row, seed, years), 100) if options.arrays else (one, 5)
+        alone = partial(each, partial(alarms_of, row, seed, years=years))
+        function, together = (partial(alarms_of_many, row, seed, years), 100) if options.arrays else (alone, 5)
         found = ledger.of_axes(function, f"{row}, seed {seed}, {years} years", n_axes, together)
         by_year = [rate_of([axis[year : year + 1] for axis in found]) for year in range(years)]
         said = "  ".join(f"{rate:5.2f} ± {half:.2f}" for rate, half, _ in (*by_year, rate_of(found)))

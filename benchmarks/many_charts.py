@@ -28,7 +28,7 @@ SHARE = np.array([structure.share for structure in b.STRUCTURES])
 N, SIZE, SLOTS = len(b.STRUCTURES), b.N_COEFFICIENTS + 1, KEPT + 1
 DAY = 86400.0
 TAKES, YEAR = SESSION.total_seconds(), b.YEAR.total_seconds()
-SESSION_KEYS = ("start", "count", "value", "squares", "temperature", "friction")
+SESSION_KEYS = ("start", "count", "value", "squares", "temperature", "friction", "lubricated")
 MOST_LEARNT = 64  # sessions before a baseline
 
 
@@ -84,7 +84,7 @@ def predict(belief: Rows, session: Rows) -> Rows:
     stepped = session["friction"] - belief["friction"]
     usual = np.sqrt(belief["step_squares"] / np.maximum(belief["steps"] - 1.0, 1.0))
     least = np.maximum(b.JUMP * usual, b.LEAST_JUMP * np.abs(belief["friction"]))
-    lubricated = (belief["steps"] >= b.FEWEST_STEPS) & (stepped > least)
+    lubricated = (session["lubricated"] > 0.0) | ((belief["steps"] >= b.FEWEST_STEPS) & (stepped > least))
     covariance[..., 0, 0] += b.LUBRICATION**2 * lubricated[:, None]
 
     angle = 2.0 * math.pi * (session["start"] - belief["start"]) / YEAR
@@ -256,7 +256,6 @@ class ManyCharts:
         """Begin with nothing known."""
         self.n, self.design = n, design
         self.sign = -1.0 if design.settings.loss is LossDirection.FALL else 1.0
-        self.at_pace = {SESSIONS_PER_YEAR: design}
         zeros = np.zeros(n)
         self.session: Rows = {name: zeros.copy() for name in SESSION_KEYS}
         self.going_on, self.watching, self.has_learnt = (np.zeros(n, dtype=bool) for _ in range(3))
@@ -265,12 +264,14 @@ class ManyCharts:
         self.n_collected = np.zeros(n, dtype=int)
         self.learnt = begun(self.session, np.ones(n))
         self.known = begun(self.session, np.ones(n))
+        self.apart = np.zeros(n, dtype=bool)  # whether what is known differs from what is learnt
         self.beginnings = no_beginnings(n)
+        self.weighed: tuple[Any, ...] | None = None  # the sessions that are going on
         names = ("residual", "cusum", "ewma", "beyond", "run", "total", "alert", "quiet")
         self.before: Rows = {name: zeros.copy() for name in names}
         self.charts: Rows = {name: zeros.copy() for name in names}
 
-    def step(self, at: float, value: Array, temperature: Array, friction: Array) -> Array:
+    def step(self, at: float, value: Array, temperature: Array, friction: Array, lubricated: Array) -> Array:
         """Judge one more measurement of each axis; alarms are returned, and cleared."""
         takes = self.going_on & (at - self.session["start"] < TAKES)
         alarmed = np.zeros(self.n, dtype=bool)
@@ -279,7 +280,7 @@ class ManyCharts:
             alarmed[over] = self._close(over)
         new = np.flatnonzero(~takes)
         first = {"start": at, "count": 0.0, "value": value[new], "squares": 0.0, "temperature": temperature[new]}
-        for name, values in (first | {"friction": friction[new]}).items():
+        for name, values in (first | {"friction": friction[new], "lubricated": 0.0}).items():
             self.session[name][new] = values
         self.first_at = np.where(np.isnan(self.first_at), at, self.first_at)
         self.n_sessions[new] += 1
@@ -288,6 +289,7 @@ class ManyCharts:
         off = value - session["value"]
         session["value"] += off / session["count"]
         session["squares"] += off * (value - session["value"])
+        session["lubricated"] = np.maximum(session["lubricated"], lubricated)
         session["temperature"] += (temperature - session["temperature"]) / session["count"]
         session["friction"] += (friction - session["friction"]) / session["count"]
         self.going_on[:] = True
@@ -305,15 +307,11 @@ class ManyCharts:
     def _limits(self, which: Array) -> Rows:
         """Return the limits at the pace of each axis (``DetectorState.of``)."""
         span = (self.session["start"][which] - self.first_at[which]) / DAY / SESSIONS_PER_YEAR
-        found = []
-        for sessions, years in zip(self.n_sessions[which].tolist(), span.tolist(), strict=True):
-            pace = (sessions - 1.0) / years
-            if pace not in self.at_pace:
-                self.at_pace[pace] = self.design.at_pace(pace)
-            found.append(self.at_pace[pace])
+        paces, of_pace = np.unique((self.n_sessions[which] - 1.0) / span, return_inverse=True)
+        designs = [self.design.at_pace(pace) for pace in paces.tolist()]
         names = ("cusum_limit", "shewhart_limit", "ewma_limit", "evidence_limit", "largest_increment",
                  "largest_residual")  # fmt: skip
-        return {name: np.array([getattr(design, name) for design in found]) for name in names}
+        return {name: np.array([getattr(design, name) for design in designs])[of_pace] for name in names}
 
     def _is_whole(self, which: Array) -> Array:
         return np.asarray(
@@ -334,10 +332,16 @@ class ManyCharts:
 
     def _close_watched(self, which: Array) -> Array:
         session, known, limits = of(self.session, which), of(self.known, which), self._limits(which)
-        learnt = of(self.learnt, which)
-        predicted = predict(known, session)
-        beginnings, evidence, onset = weigh(of(self.beginnings, which), known, predicted, session, self.sign)
-        charts, whole = of(self.charts, which), self._is_whole(which)
+        whole = self._is_whole(which)
+        if self.weighed is not None and np.isin(which[whole], self.weighed[0]).all() and whole.all():
+            axes, *weighed = self.weighed  # by its last measurement
+            places = np.searchsorted(axes, which)
+            predicted, beginnings = (of(rows, places) for rows in weighed[:2])
+            evidence, onset = (values[places] for values in weighed[2:])
+        else:
+            predicted = predict(known, session)
+            beginnings, evidence, onset = weigh(of(self.beginnings, which), known, predicted, session, self.sign)
+        charts = of(self.charts, which)
         alarms, lasting, judged = _judged(charts, evidence, session, limits)
         charts = {name: np.where(whole, charts[name], judged[name]) for name in charts}
         alarms, lasting = alarms & ~whole, lasting & ~whole
@@ -350,7 +354,7 @@ class ManyCharts:
         follows = np.flatnonzero(~calm | alarms)
         after = {name: values.copy() for name, values in known.items()}
         if follows.size:
-            before, some = of(learnt, follows), of(session, follows)
+            before, some = of(self.learnt, which[follows]), of(session, follows)
             put(after, follows, pass_over(before, predict(before, some), some))
         lost = np.flatnonzero(lasting)
         if lost.size:
@@ -359,6 +363,7 @@ class ManyCharts:
         put(self.known, which, known)
         put(self.beginnings, which, beginnings)
         put(self.before, which, charts)
+        self.apart[which] = ~calm | alarms
         self.scatter[which] = np.sqrt(variance_of(after))
         return alarms
 
@@ -369,14 +374,15 @@ class ManyCharts:
         first = (self.n_collected + 1 >= settings.baseline_size) & (spans >= settings.baseline_span / timedelta(days=1))
         ready = np.where(self.has_learnt, self.n_collected + 1 >= d.LEVEL_SIZE, first)
         for axis in which[ready[which]].tolist():
-            one = np.array([axis])
+            alone = np.array([axis])
             for name in SESSION_KEYS:
                 self.collected[name][axis, self.n_collected[axis]] = self.session[name][axis]
             sessions = [
-                {name: self.collected[name][one, i] for name in SESSION_KEYS} for i in range(self.n_collected[axis] + 1)
+                {name: self.collected[name][alone, i] for name in SESSION_KEYS}
+                for i in range(self.n_collected[axis] + 1)
             ]
             if self.has_learnt[axis]:
-                belief = of(self.learnt, one)
+                belief = of(self.learnt, alone)
                 belief["covariance"][..., 0, 0] += b._OPEN**2
             else:
                 values = np.array([session["value"][0] for session in sessions])
@@ -385,12 +391,13 @@ class ManyCharts:
             for session in sessions:
                 belief = learn(belief, predict(belief, session), session)
             for kept in (self.learnt, self.known):
-                put(kept, one, belief)
+                put(kept, alone, belief)
             self.scatter[axis] = math.sqrt(variance_of(belief)[0])
-            put(self.beginnings, one, no_beginnings(1))
+            put(self.beginnings, alone, no_beginnings(1))
+            self.apart[axis] = False
             for charts in (self.before, self.charts):
-                put(charts, one, {name: np.zeros(1) for name in charts})
-            self._clear(one)
+                put(charts, alone, {name: np.zeros(1) for name in charts})
+            self._clear(alone)
             self.watching[axis] = self.has_learnt[axis] = True
 
     def _watch(self, which: Array) -> Array:
@@ -402,10 +409,15 @@ class ManyCharts:
         residual = self.sign * residual_of(learnt, predicted)
         reference = self.design.cusum_reference + d.BASELINE_ALLOWANCE * np.sqrt(predicted["unlearnt"])
         evidence, whole = np.full(which.size, -np.inf), self._is_whole(which)
-        some = np.flatnonzero(whole)
+        some, self.weighed = np.flatnonzero(whole), None
         if some.size:
-            known, part = of(self.known, which[some]), of(session, some)
-            _, evidence[some], _ = weigh(of(self.beginnings, which[some]), known, predict(known, part), part, self.sign)
+            known, part, expected = of(self.known, which[some]), of(session, some), of(predicted, some)
+            apart = np.flatnonzero(self.apart[which[some]])
+            if apart.size:
+                put(expected, apart, predict(of(known, apart), of(part, apart)))
+            weighed = weigh(of(self.beginnings, which[some]), known, expected, part, self.sign)
+            evidence[some] = weighed[1]
+            self.weighed = (which[some], expected, *weighed)
         grown = before["cusum"] + np.minimum(residual - reference, limits["largest_increment"])
         cusum = np.minimum(np.maximum(grown, 0.0), d.FULL_CHART * limits["cusum_limit"])
         winsorised = np.clip(residual, -limits["largest_residual"], limits["largest_residual"])

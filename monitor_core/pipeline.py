@@ -321,6 +321,7 @@ class ChartedFeature:
     friction_torque: float | None = None  # [N·m]
     in_doubt: bool = False
     place: PlaceReading | None = None  # what the places of its session are compared by; None: not known
+    lubricated: bool = False  # since the feature before it, as somebody said
 
 
 #: Conditions of the baseline that are remembered: more places are hardly visited by one axis.
@@ -354,6 +355,7 @@ def advance_feature(
         temperature=conditions.temperature,
         friction_torque=charted.friction_torque,
         in_doubt=charted.in_doubt or places.disagreement is not None,
+        lubricated=charted.lubricated,
     )
     remembered = (*state.baseline_conditions, conditions)[-MOST_CONDITIONS:]
     return AxisState(

@@ -36,7 +36,7 @@ class Baseline:
     ended_at: datetime
     weights: tuple[float, ...] = ()  # of the structures of dependence
     temperatures: tuple[float, float] | None = None  # lowest and highest that were seen [°C]
-    lubricated_at: datetime | None = None  # last session whose friction looked so: the level was open to it
+    lubricated_at: datetime | None = None  # the level was open to it, as said or as friction looked
 
     def scatter_of_mean(self, count: int) -> float:
         r"""Return the standard deviation of the mean of so many sessions in a row, a day apart.

@@ -220,7 +220,7 @@ class Belief:
     friction_step: Covariate | None = None  # of the friction torque, from one session to the next [N·m]
     latest_temperature: float | None = None  # of the last session, learnt or not; None if it was not stated
     latest_friction: float | None = None  # the same of the friction torque
-    lubricated_at: datetime | None = None  # the last session that looked so
+    lubricated_at: datetime | None = None  # the last session before which it was, or that looks so
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +235,7 @@ class Prediction:
     value: float  # expected
     weight: FloatArray  # probability of each structure before the session
     decay: FloatArray  # of the autoregression since the session before, (n_structures,)
-    lubricated: bool  # so it looks: the level is open to it
+    lubricated: bool  # so it was said, or looks: the level is open to it
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -316,7 +316,7 @@ def predict(belief: Belief, session: Session) -> Prediction:
     joint[:, _DEPENDENCE, :] *= decay[:, None]
     joint[:, :, _DEPENDENCE] *= decay[:, None]
     joint[:, _DEPENDENCE, _DEPENDENCE] += _SHARE * (1.0 - decay * decay)
-    lubricated = _looks_lubricated(belief, session)
+    lubricated = _is_lubricated(belief, session)
     if lubricated:
         joint[:, 0, 0] += LUBRICATION**2
 
@@ -427,8 +427,10 @@ def _step(belief: Belief, session: Session) -> float | None:
     return None if before is None or now is None else now - before
 
 
-def _looks_lubricated(belief: Belief, session: Session) -> bool:
-    """Tell whether the friction torque has risen at once, as it does with fresh grease and not with a loss."""
+def _is_lubricated(belief: Belief, session: Session) -> bool:
+    """Tell whether that was said, or friction has risen at once, as it does with fresh grease and not with a loss."""
+    if session.lubricated:
+        return True
     usual, step = belief.friction_step, _step(belief, session)
     if usual is None or usual.count < FEWEST_STEPS or step is None or belief.latest_friction is None:
         return False

@@ -261,6 +261,8 @@ EVIDENCE_SHARE = 0.1
 #: By how much the limits grow with twice the sessions between two false alarms: over a factor of eight, either way of a
 #: year of days, that holds a rate to 3 %.
 CUSUM_PER_DOUBLING, SHEWHART_PER_DOUBLING = 1.33, 0.145
+#: The same of the alerts; they are counted so that it errs towards fewer where sessions are rare.
+EWMA_PER_DOUBLING = 0.1
 #: Sessions between two false alarms, below which the limits are not lowered any more where sessions are rarer.
 FEWEST_BETWEEN = 45.0
 #: The Shewhart rule waits for the next session to confirm.
@@ -338,6 +340,7 @@ class DetectorDesign:
             pace=ratio * self.sessions_per_year,
             cusum_limit=self.cusum_limit + doublings * CUSUM_PER_DOUBLING,
             shewhart_limit=self.shewhart_limit + doublings * SHEWHART_PER_DOUBLING,
+            ewma_limit=max(self.ewma_limit + doublings * EWMA_PER_DOUBLING, LOWEST_EWMA_LIMIT),
             evidence_limit=self.evidence_limit + math.log(ratio),
         )
 

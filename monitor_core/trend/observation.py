@@ -31,7 +31,8 @@ class Observation:
     change that it could explain is no evidence.
 
     Temperature and friction torque are covariates: what the quantity follows of them is learnt. Those that were not
-    measured are None. A measurement in doubt moves the charts, and its session teaches nothing.
+    measured are None. A measurement in doubt moves the charts, and its session teaches nothing. ``lubricated``: since
+    the measurement before it, as somebody said.
     """
 
     at: datetime
@@ -41,6 +42,7 @@ class Observation:
     temperature: float | None = None  # of the structure [°C]
     friction_torque: float | None = None  # of the running axis [N·m]
     in_doubt: bool = False
+    lubricated: bool = False
 
     def __post_init__(self) -> None:
         if self.at.tzinfo is None:
@@ -70,6 +72,7 @@ class Session:
     n_temperatures: int = 0
     n_friction_torques: int = 0
     in_doubt: bool = False  # one of its measurements is
+    lubricated: bool = False  # before one of them
 
     def takes(self, at: datetime) -> bool:
         """Tell whether a measurement made at this moment, later than all, is of this session."""
@@ -100,6 +103,7 @@ class Session:
             n_temperatures,
             n_friction_torques,
             self.in_doubt or new.in_doubt,
+            self.lubricated or new.lubricated,
         )
 
 

@@ -36,7 +36,7 @@ class BaselineView(_View):
     started_at: datetime
     ended_at: datetime
     not_seen: tuple[str, ...]
-    looks_lubricated_at: datetime | None  # friction rose at once: the level was open to what lubrication does
+    looks_lubricated_at: datetime | None  # it was said, or friction rose at once: the level was open
     sisters: LentBySisters
 
 

@@ -25,6 +25,20 @@ _LOG = (
     .where(MaintenanceRow.axis_id == bindparam("axis_id"))
     .order_by(MaintenanceRow.at, MaintenanceRow.id)
 )
+_CORRECTED = select(MaintenanceRow.corrects).where(
+    MaintenanceRow.axis_id == bindparam("axis_id"), MaintenanceRow.corrects.is_not(None)
+)
+_LUBRICATIONS = (
+    select(MaintenanceRow.at)
+    .where(
+        MaintenanceRow.axis_id == bindparam("axis_id"),
+        MaintenanceRow.kind == bindparam("kind"),
+        MaintenanceRow.id.not_in(_CORRECTED),
+    )
+    .order_by(MaintenanceRow.at)
+)
+#: Entry of the log.
+LUBRICATED = "lubricated"
 Documents = tuple[str | None, ...]
 
 
@@ -133,3 +147,8 @@ def standing_entries(log: list[MaintenanceRow]) -> list[MaintenanceRow]:
     """Return the entries of a log that no other one corrects."""
     corrected = {row.corrects for row in log}
     return [row for row in log if row.id not in corrected]
+
+
+def lubrications_of(connection: Connection, axis_id: str) -> list[datetime]:
+    """Return when an axis was lubricated, by the entries of its log that no other one corrects, in order of time."""
+    return list(connection.scalars(_LUBRICATIONS, {"axis_id": axis_id, "kind": LUBRICATED}))

@@ -4,7 +4,7 @@ import shutil
 import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,10 @@ def enter(api: Api, day: float, kind: str = "nut-replaced", **more: Any) -> dict
     answer = api.http.post("/v1/axes/axis/maintenance", json=entry(day, kind, **more))
     assert answer.status_code == 201, answer.text
     return answer.json()
+
+
+def moment(text: str) -> datetime:
+    return datetime.fromisoformat(text)
 
 
 def said(folder: Path) -> dict[str, list]:
@@ -122,16 +126,25 @@ def test_entries_in_any_order_say_the_same(
 
 
 def test_it_makes_no_difference_whether_windows_or_entries_come_first(measured: Path, tmp_path: Path) -> None:
-    entries = [entry(8.5, note="e0"), entry(26.25, "screw-replaced", note="e1")]
+    entries = [
+        entry(8.5, note="e0"),
+        entry(10.5, "lubricated", note="e1"),
+        entry(26.25, "screw-replaced", note="e2"),
+        entry(35.5, "lubricated", note="e3"),
+    ]
     after = entered(measured, tmp_path / "after", entries)
     with running_service(tmp_path / "meanwhile") as api:
         prepared(api)
         measure(api, range(9))
         enter(api, 8.5, note="e0")
         measure(api, [9, 10, 12])
-        enter(api, 26.25, "screw-replaced", note="e1")
+        enter(api, 10.5, "lubricated", note="e1")
+        enter(api, 26.25, "screw-replaced", note="e2")
+        enter(api, 35.5, "lubricated", note="e3")
         measure(api, [11, *range(13, DAYS)])  # those until 26 belong before the screw, though they come after the entry
         trend, state = api.trend("axis"), api.axis("axis")
+        baseline = api.http.get("/v1/axes/axis/history").json()["baseline"]
+    assert moment(baseline["looks_lubricated_at"]) == START + timedelta(days=36)
     found = said(tmp_path / "meanwhile")
     assert found["axis"][0][0] == after["axis"][0][0]
     by_name = {row[3]: row[4:-9] for row in after["points"]}
@@ -156,6 +169,20 @@ def test_a_new_nut_where_the_preload_fell_takes_the_alarm_back(tmp_path: Path) -
         history = api.http.get("/v1/axes/axis/history").json()
         assert [(e["kind"], e["set_preload_n"]) for e in history["events"]] == [("nut-replaced", 240.0)]
         assert history["baseline"]["preload_n"] == pytest.approx(240.0, rel=0.05)  # calibrated to a few per cent
+
+
+def test_a_lubrication_opens_the_level_hides_no_large_loss_and_is_taken_back(measured: Path, tmp_path: Path) -> None:
+    shutil.copytree(measured, tmp_path / "var")
+    before = said(tmp_path / "var")
+    with running_service(tmp_path / "var") as api:
+        wrong = enter(api, LOSS - 0.5, "lubricated")
+        baseline = api.http.get("/v1/axes/axis/history").json()["baseline"]
+        assert moment(baseline["looks_lubricated_at"]) == START + timedelta(days=LOSS)
+        assert [alarm["status"] for alarm in api.http.get("/v1/alarms").json()["alarms"]] == ["active"]
+        assert said(tmp_path / "var")["axis"] != before["axis"]
+        enter(api, LOSS - 0.5, "other", note="not done", corrects=wrong["id"])
+    after = said(tmp_path / "var")
+    assert {**after, "alarms": None} == {**before, "alarms": None}
 
 
 def test_a_correction_takes_an_entry_back(measured: Path, tmp_path: Path) -> None:

@@ -29,7 +29,13 @@ from monitor_core.trend import (
 )
 from monitor_core.trend.belief import Bank
 from monitor_core.trend.bootstrap import ChartedSession, charted_sessions, found_rate
-from monitor_core.trend.charts import cusum_run_length
+from monitor_core.trend.charts import (
+    ALERT_DURATION,
+    EWMA_WEIGHT,
+    LOWEST_EWMA_LIMIT,
+    cusum_run_length,
+    ewma_run_length,
+)
 from monitor_core.trend.lasting_loss import Said
 from tests.conftest import canary
 
@@ -125,14 +131,20 @@ def test_rarer_false_alarms_cost_wider_limits():
     assert design(measurements_per_year=8766.0).cusum_limit == design().cusum_limit  # sessions, not measurements
 
 
+def run_length_of_alerts(limits):
+    return ewma_run_length(limits.ewma_limit, weight=EWMA_WEIGHT, largest_residual=limits.largest_residual)
+
+
 def test_limits_follow_the_rate_at_which_sessions_truly_come():
     # a session takes twenty hours: measured every hour there are 438 a year, once a week 52
     limits = design()
-    for pace in (52.0, 180.0, 438.0):
+    for pace in (52.0, 180.0, 300.0, 438.0):
         found = limits.at_pace(pace)
         days = 365.0 * detection_delay(found, 0.0).sessions / pace
         assert days == pytest.approx(detection_delay(limits, 0.0).days, rel=0.03)  # between two false alarms
         assert found.evidence_limit == pytest.approx(math.log(pace))
+        alerts = pace / (float(run_length_of_alerts(found)) + ALERT_DURATION)
+        assert alerts == pytest.approx(4.0, rel=0.05) or (alerts < 4.0 and found.ewma_limit == LOWEST_EWMA_LIMIT)
     rng, wanted = np.random.default_rng(21), {1.0: 438.0, 24.0: 365.0, 168.0: 365.0 / 7.0}
     for hours, pace in wanted.items():
         state = DetectorState()
@@ -169,6 +181,22 @@ def test_a_loss_with_friction_that_falls_is_an_alarm():
         state = step(state, Observation(at, value, friction_torque=float(torque)), design())
         assert lost or state.alarm is None
     assert state.alarm is not None
+
+
+def test_lubrication_that_was_stated_is_what_friction_that_rises_at_once_is_and_hides_no_later_loss():
+    rng, silent, stated, falsely = np.random.default_rng(24), DetectorState(), DetectorState(), 0
+    for day in range(120):
+        value = float(healthy(rng, 1)[0]) - 18.0 * (day >= 50) - 30.0 * (day >= 100)
+        for hour in range(2):  # it is said of the first measurement after it, and holds for its session
+            at = START + day * DAY + timedelta(hours=hour)
+            greased = day == 50 and hour == 0
+            stated = step(stated, Observation(at, value + hour, lubricated=greased), design())
+            silent = step(silent, Observation(at, value + hour), design())
+        falsely += silent.alarm is not None and day < 100
+        assert stated.alarm is None or day >= 100
+    assert falsely
+    assert stated.baseline.lubricated_at == START + 50 * DAY
+    assert stated.alarm is not None
 
 
 def test_friction_that_rises_at_once_looks_like_lubrication_and_hides_no_later_loss():

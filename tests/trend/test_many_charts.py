@@ -9,8 +9,8 @@ from tests.conftest import canary
 @pytest.mark.parametrize(
     ("row", "years", "n_axes"),
     canary(
-        [("friction of guides", 1, 2), ("shop", 2, 6), ("shop as above, stated", 1, 6), ("lubrication, 1 down", 2, 6),
-         ("shop, 5 a day", 1, 6), ("hourly 0.95, 24 a day", 1, 2)]
+        [("fresh grease, torque measured", 1, 2), ("shop", 2, 6), ("shop as above, stated", 1, 6),
+         ("fresh grease, logged", 2, 6), ("shop, 5 a day", 1, 6), ("hourly 0.95, 24 a day", 1, 2)]
     ),
 )  # fmt: skip
 def test_many_axes_at_once_are_alarmed_as_each_alone(row, years, n_axes):

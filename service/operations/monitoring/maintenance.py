@@ -1,4 +1,7 @@
-"""Keep the maintenance log of each axis: with a new nut or screw its charts begin anew, from when it was done."""
+"""Keep the maintenance log of each axis, and let its charts know from when it was done.
+
+With a new nut or screw they begin anew; with fresh grease the level is open to what it does.
+"""
 
 from collections.abc import Iterable
 from datetime import datetime
@@ -11,7 +14,7 @@ from service.clock import now, text_of
 from service.errors import ConflictError, InvalidRequestError, UnknownResourceError
 from service.operations.fields import Label, Moment, RequestModel, SetPreload
 from service.operations.monitoring.intake.admission import MOST_AHEAD
-from service.operations.monitoring.intake.epochs import begin_by_maintenance, take_back
+from service.operations.monitoring.intake.epochs import begin_by_maintenance, go_on_from, take_back
 from service.store import axes, intake
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -22,7 +25,7 @@ from service.store.trend.epochs import MAINTENANCE, EpochRecord
 class Work(StrEnum):
     """What was done."""
 
-    LUBRICATED = "lubricated"
+    LUBRICATED = axes.LUBRICATED
     NUT_REPLACED = "nut-replaced"
     SCREW_REPLACED = "screw-replaced"
     MOUNTING = "mounting"
@@ -90,6 +93,9 @@ def enter(database: Database, axis_id: str, entry: MaintenanceIn) -> tuple[Maint
             axis = intake.read_axis(connection, axis_id)
             epoch = EpochRecord(axis.number, moment, MAINTENANCE)
             (begin_by_maintenance if moment in after else take_back)(connection, axis, epoch)
+        lubricated = _lubrications(axes.standing_entries(log)) ^ _lubrications(axes.standing_entries([*log, row]))
+        if lubricated:
+            go_on_from(connection, intake.read_axis(connection, axis_id), min(lubricated))
         return row, True
 
 
@@ -100,6 +106,11 @@ def _said(row: MaintenanceRow) -> dict[str, object]:
 def _begins(rows: Iterable[MaintenanceRow]) -> set[datetime]:
     """Return when the charts begin anew."""
     return {row.at for row in rows if row.kind in _BEGINS_ANEW}
+
+
+def _lubrications(rows: Iterable[MaintenanceRow]) -> set[datetime]:
+    """Return when the axis was lubricated."""
+    return {row.at for row in rows if row.kind == Work.LUBRICATED}
 
 
 def _require_standing(axis_id: str, log: list[MaintenanceRow], number: int) -> None:

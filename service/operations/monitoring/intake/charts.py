@@ -6,6 +6,7 @@ they enter the epochs that a person began: another calibration, an inspection, a
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -26,6 +27,7 @@ from service.operations.monitoring.intake.chart_state import (
     load_state,
     session_record,
 )
+from service.store.axes import lubrications_of
 from service.store.calibrations import CalibrationsInForce
 from service.store.intake import AxisRecord, ChartsRecord
 from service.store.trend.epochs import (
@@ -180,6 +182,7 @@ class _Fold:
         self._sessions: list[SessionRecord] = []
         self._session_of: dict[int, datetime | None] = {}  # when it began, by measurement; None: it moved no chart
         self._places: dict[datetime, str | None] = {}  # how those of a session contradict each other, in words
+        self._lubricated = lubrications_of(connection, axis.id)
 
     def go_back(self, first: datetime, *, since: datetime | None = None) -> None:
         """Return to the charts as they stood before a moment: what was measured since is to be folded again.
@@ -305,7 +308,8 @@ class _Fold:
         self._session_of[point.measurement_id] = None
         charted = point.uncharted is None and point.feature_s2 is not None and calibration is not None
         if charted and calibration is not None:
-            self._state = _advanced(before, point, calibration, self._design)
+            lubricated = self._is_lubricated(before.detector.last_at, point.at)
+            self._state = _advanced(before, point, calibration, self._design, lubricated=lubricated)
             self._session_of[point.measurement_id] = self._state.places_since
             self._places |= _said_of(self._state)
         detector, healthy, learnt = self._state.detector, before.detector.baseline, None
@@ -335,6 +339,10 @@ class _Fold:
         if self._charts.since_checkpoint >= CHECKPOINT_EVERY:
             self._keep_checkpoint(point.at)
         return point
+
+    def _is_lubricated(self, after: datetime | None, until: datetime) -> bool:
+        """Tell whether the log says that the axis was lubricated between two measurements."""
+        return after is not None and bisect_right(self._lubricated, until) > bisect_right(self._lubricated, after)
 
     def _with_places(self, points: Sequence[TrendPoint], begun: Mapping[datetime, str | None]) -> list[TrendPoint]:
         """Say of each point how the places of its session disagree, and of those that it had when the fold began."""
@@ -375,7 +383,9 @@ class _Fold:
         return replace(charts, last_measurement_id=newest.measurement_id, last_measured_at=newest.at)
 
 
-def _advanced(state: AxisState, point: TrendPoint, calibration: Calibration, design: DetectorDesign) -> AxisState:
+def _advanced(
+    state: AxisState, point: TrendPoint, calibration: Calibration, design: DetectorDesign, *, lubricated: bool
+) -> AxisState:
     if point.feature_s2 is None or point.feature_uncertainty_s2 is None:
         return state
     charted = ChartedFeature(
@@ -385,6 +395,7 @@ def _advanced(state: AxisState, point: TrendPoint, calibration: Calibration, des
         point.friction_torque_nm,
         in_doubt=point.doubt is not None,
         place=_place_of(point),
+        lubricated=lubricated,
     )
     return advance_feature(state, charted, calibration=calibration, design=design)
 

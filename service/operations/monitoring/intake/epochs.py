@@ -69,8 +69,13 @@ def begin_by_maintenance(connection: Connection, axis: AxisRecord, epoch: EpochR
 def take_back(connection: Connection, axis: AxisRecord, epoch: EpochRecord) -> None:
     """Go on at a moment as if no epoch began there."""
     forget_epoch(connection, epoch)
+    go_on_from(connection, axis, epoch.begins_at)
+
+
+def go_on_from(connection: Connection, axis: AxisRecord, moment: datetime) -> None:
+    """Fold the charts again from a moment on, because the log says something else of it now."""
     before = intake.read_charts(connection, axis)
-    folded = fold_from(connection, axis, before, epoch.begins_at, CalibrationsInForce().of(connection, axis))
+    folded = fold_from(connection, axis, before, moment, CalibrationsInForce().of(connection, axis))
     keep(connection, axis, before, folded, MAINTAINED)
 
 
