@@ -8,7 +8,9 @@ For window :math:`s`, with un-windowed DFT lines :math:`U_s, Y_s` at :math:`f_k`
     A(f) = \prod_i (f_i^2 - f^2 + 2 j \zeta_i f_i f)
 
 ``A`` and ``B`` belong to the axis, ``T`` to the window (the ringing that was there when it began, less what is left
-when it ends), ``D`` is the line shape of a sine that no excitation explains. Everything but the poles and the tone
+when it ends), ``D`` is the line shape of a sine that no excitation explains. A response that was differentiated lacks
+samples at the ends of each window: their known shapes (:func:`~monitor_core.spectral.motion.end_shapes`) join ``T``.
+Everything but the poles and the tone
 frequencies is linear and is eliminated by projection.
 
 The nonlinear ``parameters`` are, for each mode, natural frequency [Hz] and logarithm of the damping ratio; then the
@@ -26,6 +28,7 @@ import scipy
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.spectral import BandSpectra
+from monitor_core.spectral.motion import end_shapes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,30 +41,29 @@ class FitLines:
     weight: FloatArray  # what both were multiplied with, shape (n_frequencies,)
     n_samples: int
     sample_rate: float  # [Hz]
+    derivatives: int = 0  # that were taken of what the sensor measures
 
     @classmethod
     def of(cls, spectra: BandSpectra, low: float, high: float, weight: FloatArray | None = None) -> "FitLines":
-        """Take the lines from ``low`` to ``high`` [Hz] in double precision; without weights the noise is white.
+        """Take the lines from ``low`` to ``high`` [Hz] in double precision; without weights the sensor's is the noise.
 
         The line at 0 Hz is left out: the mean of each window was removed with it, so it holds no measurement.
         """
         band = spectra.within(max(low, 0.5 * spectra.resolution), high)
-        w = np.ones(band.frequency.size) if weight is None else weight
+        w = band.frequency[0] ** band.derivatives / band.frequency**band.derivatives if weight is None else weight
         excitation: ComplexArray = band.excitation.astype(np.complex128) * w
         response: ComplexArray = band.response.astype(np.complex128) * w
-        return cls(band.frequency, excitation, response, w, band.n_samples, band.sample_rate)
+        return cls(band.frequency, excitation, response, w, band.n_samples, band.sample_rate, band.derivatives)
 
     def weighted(self, weight: FloatArray) -> "FitLines":
         """Return the same lines with other weights."""
         change = weight / self.weight
-        return FitLines(
-            self.frequency, self.excitation * change, self.response * change, weight, self.n_samples, self.sample_rate
-        )
+        return replace(self, excitation=self.excitation * change, response=self.response * change, weight=weight)
 
     def of_lines(self, kept: npt.NDArray[np.intp]) -> "FitLines":
         """Return the lines with these indices, of all windows."""
         x, y = self.excitation[:, kept], self.response[:, kept]
-        return FitLines(self.frequency[kept], x, y, self.weight[kept], self.n_samples, self.sample_rate)
+        return replace(self, frequency=self.frequency[kept], excitation=x, response=y, weight=self.weight[kept])
 
     @property
     def n_windows(self) -> int:
@@ -175,6 +177,9 @@ def basis_of(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Basi
     tones = parameters[2 * order.n_modes :]
     transient = lines.weight * powers[: order.n_transient_terms]
     shapes = np.empty((0, f.size), dtype=np.complex128)
+    if lines.derivatives:
+        ends = lines.weight * end_shapes(f, lines.sample_rate, lines.derivatives)
+        transient = np.concatenate([transient, ends])
     if tones.size:
         shapes = lines.weight * tone_shape(f, tones[:, None], lines.n_samples, lines.sample_rate)
         transient = np.concatenate([transient, shapes])

@@ -31,14 +31,15 @@ def noise_weight(lines: FitLines, solution: Solution) -> FloatArray:
 
     .. math:: \sigma^2(f) = \sigma_0^2 + \sum_i \sigma_i^2\, \frac{\min |A_i|^2}{|A_i(f)|^2}
 
-    The first part is the accelerometer's. The others are forces that nobody measures, such as friction: they reach the
+    The first part is the accelerometer's; of a scale or an encoder, whose noise is white as long as it counts on (q²/12
+    of a step q), it rises with the fourth power of the frequency once it is an acceleration. The others are forces that nobody measures, such as friction: they reach the
     sensor through the mode, so their noise has its shape; on an axis with friction they are nearly all of it. Fitted to
     the residual's mean power over windows, whose standard deviation is proportional to itself (maximum likelihood of
     the gamma distribution by repeated non-negative least squares).
     """
     power = np.mean(np.abs(solution.projection.residual) ** 2, axis=0) / lines.weight**2
     floor = _FLOOR * float(power.mean())
-    shapes = [np.ones_like(power)]
+    shapes = [(lines.frequency / lines.frequency[-1]) ** (2 * lines.derivatives)]
     for natural_frequency, damping_ratio in solution.modes:
         shape = 1.0 / np.abs(pole_factor(lines.frequency, natural_frequency, damping_ratio)) ** 2
         shapes.append(shape / shape.max())
@@ -150,7 +151,7 @@ def rational_poles(frequency: FloatArray, response: ComplexArray, weight: FloatA
 def _measured_response(lines: FitLines) -> tuple[FloatArray, ComplexArray, FloatArray]:
     """Return frequency, H1 and excitation power, to which the inverse variance of H1 is proportional."""
     x, y = lines.excitation / lines.weight, lines.response / lines.weight
-    spectra = BandSpectra(lines.frequency, x, y, lines.n_samples, lines.sample_rate)
+    spectra = BandSpectra(lines.frequency, x, y, lines.n_samples, lines.sample_rate, lines.derivatives)
     cross = cross_spectra(spectra, taper=least_leaking_taper(spectra))
     power = np.maximum(cross.excitation_power, np.finfo(np.float64).tiny)
     return cross.frequency, cross.cross_power / power, power

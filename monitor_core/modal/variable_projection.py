@@ -49,8 +49,8 @@ class Solution:
 
 
 def degrees_of_freedom(lines: FitLines, order: ModelOrder) -> int:
-    """Return real data less real parameters."""
-    return 2 * lines.response.size - order.n_parameters(lines.n_windows)
+    """Return real data less real parameters, those of the ends of the windows included."""
+    return 2 * lines.response.size - order.n_parameters(lines.n_windows) - 2 * lines.derivatives * lines.n_windows
 
 
 def minimise(lines: FitLines, start: FloatArray, order: ModelOrder) -> Solution | None:

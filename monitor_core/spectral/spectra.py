@@ -91,6 +91,7 @@ class BandSpectra:
     response: SpectrumArray  # shape (n_windows, n_frequencies) [m/s²]
     n_samples: int  # in each window
     sample_rate: float  # [Hz]
+    derivatives: int = 0  # that were taken of what the sensor measures
 
     def __post_init__(self) -> None:
         expected = (self.excitation.shape[0], self.frequency.size)
@@ -117,8 +118,11 @@ class BandSpectra:
         slack = _ROUNDING * self.resolution
         start, stop = np.searchsorted(self.frequency, [low - slack, high + slack])
         lines = slice(int(start), int(stop))
-        return BandSpectra(
-            self.frequency[lines], self.excitation[:, lines], self.response[:, lines], self.n_samples, self.sample_rate
+        return replace(
+            self,
+            frequency=self.frequency[lines],
+            excitation=self.excitation[:, lines],
+            response=self.response[:, lines],
         )
 
     def around(self, low: float, high: float) -> "BandSpectra":
@@ -126,17 +130,16 @@ class BandSpectra:
         held = range(round(self.frequency[0] / self.resolution), round(self.frequency[-1] / self.resolution) + 1)
         first, last = _lines_around(low, high, self.resolution, self.n_samples)
         lines = slice(max(first - held.start, 0), last + 1 - held.start)
-        return BandSpectra(
-            self.frequency[lines],
-            self.excitation[:, lines].copy(),
-            self.response[:, lines].copy(),
-            self.n_samples,
-            self.sample_rate,
+        return replace(
+            self,
+            frequency=self.frequency[lines],
+            excitation=self.excitation[:, lines].copy(),
+            response=self.response[:, lines].copy(),
         )
 
     def of_windows(self, kept: npt.NDArray[np.bool_]) -> "BandSpectra":
         """Return the windows for which ``kept`` is true, shape (n_windows,)."""
-        return BandSpectra(self.frequency, self.excitation[kept], self.response[kept], self.n_samples, self.sample_rate)
+        return replace(self, excitation=self.excitation[kept], response=self.response[kept])
 
     def tapered(self, taper: Taper) -> tuple[FloatArray, SpectrumArray, SpectrumArray]:
         r"""Taper both channels after the transform.
@@ -217,7 +220,7 @@ def motion_spectra(
     if derivatives == 0:
         return spectra
     exact = spectra.response * exact_derivative(spectra.frequency, sample_rate, derivatives)
-    return replace(spectra, response=exact)
+    return replace(spectra, response=exact, derivatives=derivatives)
 
 
 def _lines_around(low: float, high: float, resolution: float, n_samples: int) -> tuple[int, int]:
