@@ -18,8 +18,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
-from monitor_core.recording import Doubt, DoubtReason, ExcitationQuantity, Rejection, RejectionReason, Window
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, SampleArray
+from monitor_core.recording import (
+    Doubt,
+    DoubtReason,
+    ExcitationQuantity,
+    Rejection,
+    RejectionReason,
+    ResponseQuantity,
+    Window,
+)
 
 #: What two numbers in different units differ by, and the unit that one of them is in instead.
 _UNITS = (
@@ -85,11 +93,22 @@ def wraps_in(steps: FloatArray, covered: float) -> BoolArray:
 
 
 def refuse_wraps(window: Window) -> Rejection | None:
-    """Refuse a position trace that begins anew within a window, as a count of one lead, a turn or 16 bits does."""
-    trace = window.position_trace
-    if trace is None or trace.size < 3:
+    """Refuse a position or angle that begins anew within a window, as a count of one lead, a turn or 16 bits does."""
+    for name, trace, scale, unit in (
+        ("position trace", window.position_trace, 1e3, "mm"),
+        (str(window.response_quantity), window.response, 1.0, window.response_quantity.unit),
+    ):
+        if trace is window.response and window.response_quantity.derivatives < 2:
+            continue
+        if trace is not None and (refusal := _refuse_wrap(name, trace, scale, unit)) is not None:
+            return refusal
+    return None
+
+
+def _refuse_wrap(name: str, trace: SampleArray, scale: float, unit: str) -> Rejection | None:
+    if trace.size < 3:
         return None
-    steps: FloatArray = np.diff(trace)
+    steps: FloatArray = np.diff(trace).astype(np.float64)
     covered = float(trace.max() - trace.min())
     if not max(float(steps.max()), -float(steps.min())) > _JUMP * covered:  # nearly always
         return None
@@ -99,7 +118,7 @@ def refuse_wraps(window: Window) -> Rejection | None:
     first = int(np.argmax(jumps))
     return Rejection(
         RejectionReason.POSITION_WRAPS,
-        f"expected a position trace that does not begin anew; it jumps by {1e3 * steps[first]:.6g} mm behind sample "
+        f"expected a {name} that does not begin anew; it jumps by {scale * steps[first]:.6g} {unit} behind sample "
         f"{first}, against the way it goes, as a count that wraps: unwrap it before it is sent; of a raw file, "
         "wraps_at in the map does",
     )
@@ -223,8 +242,11 @@ def _duration(windows: Sequence[Window]) -> StatedTwice | None:
 def _go_on(window: Window, after: Window) -> bool:
     """Tell whether a window repeats the samples of the one before from its start on, as overlapping windows do."""
     start = round((after.started_at - window.started_at).total_seconds() * window.sample_rate)
-    overlap = window.response[start : start + 16]
-    return bool(overlap.size and np.array_equal(overlap, after.response[: overlap.size]))
+    part = slice(start, start + 16)  # of both channels: a scale at rest is like itself
+    pairs = ((window.response, after.response), (window.excitation, after.excitation))
+    return bool(window.response[part].size) and all(
+        np.array_equal(one[part], other[: one[part].size]) for one, other in pairs
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,10 +295,16 @@ _SCALE_TOLERANCE = 0.25
 _LAG_TOLERANCE = 0.0015
 
 
+#: Responses that a position trace is compared with, and how often they are differentiated.
+_DERIVATIVES = {ResponseQuantity.ACCELERATION: 0, ResponseQuantity.DISPLACEMENT: 2}
+
+
 def _motion(windows: Sequence[Window], below: float) -> list[StatedTwice]:
     """Compare the motion of the position traces of one measurement with that of its acceleration."""
     first = windows[0]
-    if first.excitation_quantity is not ExcitationQuantity.TORQUE or any(w.position_trace is None for w in windows):
+    derivatives = _DERIVATIVES.get(first.response_quantity)
+    is_torque = first.excitation_quantity is ExcitationQuantity.TORQUE
+    if derivatives is None or not is_torque or any(w.position_trace is None for w in windows):
         return []
     if len({(w.n_samples, w.sample_rate) for w in windows}) > 1:
         return []
@@ -285,7 +313,10 @@ def _motion(windows: Sequence[Window], below: float) -> list[StatedTwice]:
         return []
     traces = np.array([w.position_trace for w in windows])
     moved = (traces - traces.mean(axis=1, keepdims=True)) @ functions.second_derivative
-    accelerated = np.array([w.response for w in windows]) @ functions.plain
+    responses = np.array([w.response for w in windows], dtype=np.float64 if derivatives else None)
+    if derivatives:
+        responses -= responses.mean(axis=1, keepdims=True)
+    accelerated = responses @ (functions.second_derivative if derivatives else functions.plain)
     driven = np.array([w.excitation for w in windows], dtype=np.float64)
     torque, duration = driven @ functions.plain, first.n_samples / first.sample_rate
     return _compared(moved, accelerated, torque, functions=functions, duration=duration)

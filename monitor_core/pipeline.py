@@ -249,6 +249,7 @@ def _preload(
         calibration,
         excitation_source=window.excitation_source,
         excitation_quantity=window.excitation_quantity,
+        response_quantity=window.response_quantity,
         witnesses=witnesses_of(modal),
         random_uncertainty=modal.random_uncertainty,
     )
@@ -428,16 +429,19 @@ def calibrate_from_measurements(
         )
         for m in measurements
     ]
-    excitations = {(m.excitation_quantity, m.excitation_source) for m in measurements}
-    if len(excitations) != 1:
-        got = ", ".join(sorted(f"{quantity} from {source}" for quantity, source in excitations))
-        raise OutsideValidityError(f"a calibration holds for one kind of excitation; the measurements are of {got}")
-    quantity, source = excitations.pop()
+    channels = {(m.excitation_quantity, m.excitation_source, m.response_quantity) for m in measurements}
+    if len(channels) != 1:
+        got = ", ".join(sorted(f"{response} by {quantity} from {source}" for quantity, source, response in channels))
+        raise OutsideValidityError(
+            f"a calibration holds for one kind of excitation and response; the measurements are of {got}"
+        )
+    quantity, source, response = channels.pop()
     return calibrate(
         readings,
         weighting=weighting,
         excitation_source=source,
         excitation_quantity=quantity,
+        response_quantity=response,
         moving_mass=settings.moving_mass,
         maximum_modes=1 if statistics.median(m.n_modes for m in measurements) < 2 else 2,
         phase_reference=calibrate_phase([m.mode for m in measurements]),

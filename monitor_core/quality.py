@@ -8,7 +8,7 @@ import scipy
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason, Window
+from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason, ResponseQuantity, Window
 
 _RATE_TOLERANCE = 1e-6  # relative; clocks of acquisition systems are quoted to a few parts in 10⁶
 _LEAST_SLOW_LENGTH = 4096  # below, even the slowest length costs less than the rest of the road
@@ -21,7 +21,7 @@ class QualityGate:
     minimum_samples: int = 256
     sample_rate: float | None = None  # that of the axis; None accepts any [Hz]
     position_span_limit: float = 0.020  # travel within the window [m]
-    minimum_band_excitation: float = 0.0  # rms of the excitation in the band [N·m or N]
+    minimum_band_excitation: float = 0.0  # rms of the excitation in the band [its unit]
     stuck_share: float = 0.1  # longest run of one value off the rest level, as a share of the window [-]
     slow_length_factor: float = 8.0  # reckoned cost of the FFT against that of the next shorter good length [-]
 
@@ -33,12 +33,14 @@ def gate_window(window: Window, gate: QualityGate, *, band: tuple[float, float] 
 
     - sampling rate other than that of the axis; too short;
     - a sample that is not a finite number, in any channel;
-    - dead: a channel of one value throughout;
+    - dead: a channel of one value throughout, or a scale or an encoder that moves by fewer than four of its steps,
+      whose rounding is then no noise but part of the motion;
     - stuck: a channel holds one value, off its rest level, for a tenth of the window. A run at the rest level is
       silence before or after the move (a noise-free or coarsely quantised record holds exact zeros there), and a run
-      at the largest or smallest excitation is a drive at its torque limit: both pass;
-    - clipped: the response, or a force, piles up at its extreme (see ``is_clipped``). A torque is not asked: the
-      limit of the drive looks the same and is true;
+      at the largest or smallest excitation is a drive at its torque limit: both pass. A displacement, an angle or a
+      speed has no rest level: it is stuck where it holds a value while the excitation goes on as elsewhere;
+    - clipped: an acceleration, or a force, piles up at its extreme (see ``is_clipped``). A torque is not asked: the
+      limit of the drive looks the same and is true; a scale ends nowhere;
     - travel within the window: the frequency moves with the position;
     - a length whose FFT costs several times that of a slightly shorter one;
     - too little excitation in the band.
@@ -75,18 +77,15 @@ def _check_channels(window: Window, gate: QualityGate) -> Rejection | None:
         if not np.isfinite(samples).all():
             first = int(np.argmin(np.isfinite(samples)))
             return Rejection(RejectionReason.NOT_FINITE, f"{name} must be finite; got {samples[first]} at {first}")
+    of_scale = window.response_quantity.derivatives > 0
     for name, samples in channels.items():
         if samples.min() == samples.max():
             return Rejection(RejectionReason.DEAD_CHANNEL, f"{name} must change; got {samples[0]:g} throughout")
-        start, run = longest_run(samples)
-        allowed = gate.stuck_share * samples.size
-        if run > allowed and is_stuck(samples, start, run, is_excitation=name == "excitation"):
-            return Rejection(
-                RejectionReason.STUCK_CHANNEL,
-                f"{name} may hold a value off its rest level for {allowed:.0f} samples; "
-                f"held {samples[start]:g} for {run}",
-            )
-    clippable = ["response"] if window.excitation_quantity is ExcitationQuantity.TORQUE else ["response", "excitation"]
+        held = _check_scale(window, gate) if of_scale and name == "response" else _check_stuck(name, samples, gate)
+        if held is not None:
+            return held
+    clippable = [] if of_scale else ["response"]
+    clippable += ["excitation"] if window.excitation_quantity is ExcitationQuantity.FORCE else []
     for name in clippable:
         for samples in (channels[name], -channels[name]):
             if is_clipped(samples):
@@ -95,6 +94,61 @@ def _check_channels(window: Window, gate: QualityGate) -> Rejection | None:
                     f"{name} must not reach the end of its range; it piles up at ±{abs(samples.max()):g}",
                 )
     return None
+
+
+def _check_stuck(name: str, samples: SampleArray, gate: QualityGate) -> Rejection | None:
+    start, run = longest_run(samples)
+    allowed = gate.stuck_share * samples.size
+    if run <= allowed or not is_stuck(samples, start, run, is_excitation=name == "excitation"):
+        return None
+    return Rejection(
+        RejectionReason.STUCK_CHANNEL,
+        f"{name} may hold a value off its rest level for {allowed:.0f} samples; held {samples[start]:g} for {run}",
+    )
+
+
+def _check_scale(window: Window, gate: QualityGate) -> Rejection | None:
+    """Refuse a scale, an encoder or a speed that is at rest on one step or the next, or stuck."""
+    quantity, step = window.response_quantity, resolution_of(window)
+    moved = float(np.ptp(window.response))
+    if moved < _FEWEST_STEPS * step:
+        return Rejection(
+            RejectionReason.DEAD_CHANNEL,
+            f"{quantity} must move by {_FEWEST_STEPS:g} steps of {step:.3g} {quantity.unit} or more; got {moved:.3g} "
+            f"{quantity.unit}, as of an axis at rest: excite it more, or move it slowly",
+        )
+    start, run = longest_run(window.response)
+    allowed = gate.stuck_share * window.n_samples
+    if run <= allowed or not _goes_on(window.excitation, start, run):
+        return None
+    return Rejection(
+        RejectionReason.STUCK_CHANNEL,
+        f"{quantity} may stand still for {allowed:.0f} samples while the excitation goes on; held "
+        f"{window.response[start]:g} {quantity.unit} for {run}",
+    )
+
+
+#: A scale that moves by fewer steps rounds the motion itself: a sine of two steps' amplitude still lies 2 % off.
+_FEWEST_STEPS = 4.0
+
+
+def resolution_of(window: Window) -> float:
+    """Return the step that a response is quantised in, as stated or else the smallest that it makes [its unit]."""
+    if window.response_resolution is not None:
+        return window.response_resolution
+    return float(np.diff(np.unique(window.response)).min())
+
+
+#: An excitation within a run that has this share of what it has elsewhere goes on.
+_GOES_ON = 0.5
+
+
+def _goes_on(excitation: SampleArray, start: int, run: int) -> bool:
+    """Tell whether the excitation changes from sample to sample within a run as it does elsewhere."""
+    changes = np.diff(excitation.astype(np.float64)) ** 2
+    within = changes[start : start + run - 1]
+    elsewhere = np.concatenate([changes[:start], changes[start + run - 1 :]])
+    return bool(elsewhere.size) and float(within.mean()) > _GOES_ON**2 * float(elsewhere.mean())
 
 
 def longest_run(samples: SampleArray) -> tuple[int, int]:
@@ -212,4 +266,7 @@ def _band_rms(samples: SampleArray, sample_rate: float, band: tuple[float, float
 
 
 def _span(window: Window) -> float:
-    return window.position_span if window.position_trace is None else float(np.ptp(window.position_trace))
+    if window.position_trace is not None:
+        return float(np.ptp(window.position_trace))
+    of_scale = window.response_quantity is ResponseQuantity.DISPLACEMENT
+    return max(window.position_span, float(np.ptp(window.response)) if of_scale else 0.0)

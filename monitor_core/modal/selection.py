@@ -31,11 +31,11 @@ def noise_weight(lines: FitLines, solution: Solution) -> FloatArray:
 
     .. math:: \sigma^2(f) = \sigma_0^2 + \sum_i \sigma_i^2\, \frac{\min |A_i|^2}{|A_i(f)|^2}
 
-    The first part is the accelerometer's; of a scale or an encoder, whose noise is white as long as it counts on (q²/12
-    of a step q), it rises with the fourth power of the frequency once it is an acceleration. The others are forces that nobody measures, such as friction: they reach the
-    sensor through the mode, so their noise has its shape; on an axis with friction they are nearly all of it. Fitted to
-    the residual's mean power over windows, whose standard deviation is proportional to itself (maximum likelihood of
-    the gamma distribution by repeated non-negative least squares).
+    The first part is the accelerometer's; that of a scale or an encoder, white as long as it counts on (q²/12 of a step
+    q), rises with the fourth power of the frequency once it is an acceleration. The others are forces that nobody
+    measures, such as friction: they reach the sensor through the mode, so their noise has its shape; on an axis with
+    friction they are nearly all of it. Fitted to the residual's mean power over windows, whose standard deviation is
+    proportional to itself (maximum likelihood of the gamma distribution by repeated non-negative least squares).
     """
     power = np.mean(np.abs(solution.projection.residual) ** 2, axis=0) / lines.weight**2
     floor = _FLOOR * float(power.mean())

@@ -24,7 +24,7 @@ from monitor_core.preload.feature import (
     preload_from_feature,
 )
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, WitnessValues
-from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
+from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
 #: Order of the parameter vector; the last two only where they are known.
@@ -100,7 +100,7 @@ class ValidRange:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Eq. (8) of Nguyen et al. (2018) as regressed for one axis and one excitation source."""
+    """Eq. (8) of Nguyen et al. (2018) as regressed for one axis, one excitation and one response."""
 
     parameters: VectorEstimate  # k1…k4 and, where known, µ and k_T: SI units, joint covariance, degrees of freedom
     parameter_names: tuple[str, ...]  # in the order of ``parameters``
@@ -121,11 +121,12 @@ class Calibration:
     reference_temperature: float | None  # [°C]
     excitation_source: ExcitationSource | None  # None: not stated (a table of frequencies)
     excitation_quantity: ExcitationQuantity | None
+    response_quantity: ResponseQuantity | None = None  # None: not stated; with an excitation stated, acceleration
     maximum_modes: int = 2  # what the frequencies were fitted with; later ones are fitted alike
     phase_reference: PhaseReference | None = None  # None: the table of frequencies does not tell
     moving_mass_dof: float = math.inf  # degrees of freedom of a fitted µ: it rests on the loaded readings alone
     uncertainty_stated: bool = True  # whether the readings stated theirs; if not, it is part of ``reproducibility``
-    excitation_level: float | None = None  # rms per root hertz around the mode, as calibrated [N·m/√Hz] or [N/√Hz]
+    excitation_level: float | None = None  # rms per root hertz around the mode, as calibrated [unit of it/√Hz]
     prior: str | None = None  # source of what was known of k1…k4 before the readings; None: they rest on these alone
     witnesses: tuple[Witness, ...] = ()  # what else the windows held at the calibration; empty: nothing is compared
     friction: Estimate | None = None  # k_F, what friction torque adds to 1/f²; None: it is not seen to [s²/(N·m)]
@@ -137,6 +138,8 @@ class Calibration:
                 f"parameters must be {', '.join(COEFFICIENT_NAMES)} and at most {INVERSE_MOVING_MASS} and "
                 f"{TEMPERATURE_COEFFICIENT}; got {self.parameter_names} for {self.parameters.values.size} values"
             )
+        if self.response_quantity is None and self.excitation_quantity is not None:  # as all records once were
+            object.__setattr__(self, "response_quantity", ResponseQuantity.ACCELERATION)
         _ = self.coefficients  # a calibration whose k3 is not positive cannot exist
 
     @property

@@ -33,7 +33,15 @@ from monitor_core.preload.feature import (
     to_reference,
 )
 from monitor_core.preload.witnesses import Deviation, Setting, WitnessName, WitnessValues
-from monitor_core.recording import Conditions, Doubt, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
+from monitor_core.recording import (
+    Conditions,
+    Doubt,
+    ExcitationQuantity,
+    ExcitationSource,
+    Rejection,
+    RejectionReason,
+    ResponseQuantity,
+)
 from monitor_core.uncertainty import Estimate, Interval, IntervalKind
 
 LEVEL = 0.95
@@ -97,6 +105,7 @@ def estimate_preload(
     *,
     excitation_source: ExcitationSource | None = None,
     excitation_quantity: ExcitationQuantity | None = None,
+    response_quantity: ResponseQuantity | None = None,
     witnesses: WitnessValues | None = None,
     random_uncertainty: float | None = None,
 ) -> PreloadEstimate | Rejection:
@@ -112,10 +121,10 @@ def estimate_preload(
     :math:`\mathrm{preload} = \theta^{-3}` it is wider upwards than downwards.
 
     The frequency is in hertz. A payload or temperature that is not stated is taken as the reference, and the result
-    says so; the excitation of the measurement is ``None`` where a table of frequencies does not tell.
+    says so; excitation and response of the measurement are ``None`` where a table of frequencies does not tell.
     ``random_uncertainty`` is what is new in each measurement of the frequency's uncertainty, all of it where it is not
     given: errors of the model stay as they are, and the charts do not wait for them to scatter. A frequency is
-    refused if its excitation is not the calibration's, if its place is far off the calibrated travel, if a payload
+    refused if its excitation or response is not the calibration's, if its place is far off the calibrated travel, if a payload
     cannot be corrected, or if it is above what any preload gives; ``OutsideValidityError`` if it is not positive. The
     upper end of the interval is ``inf`` where no preload is too high to agree with the data (write ``null`` where a
     format has no infinity); the lower end is 0 where nothing is known.
@@ -133,7 +142,7 @@ def estimate_preload(
     if not frequency.value > 0.0:
         raise OutsideValidityError(f"frequency must be positive; got {frequency.value} Hz")
     refusal = (
-        _refuse_other_excitation(calibration, excitation_source, excitation_quantity)
+        _refuse_other_channels(calibration, excitation_source, excitation_quantity, response_quantity)
         or _refuse_place(conditions.position, calibration.position)
         or _refuse_payload(conditions, calibration)
     )
@@ -310,10 +319,13 @@ def _new_each_time(frequency: Estimate, random_uncertainty: float | None) -> flo
     return min(random_uncertainty / frequency.standard_uncertainty, 1.0)
 
 
-def _refuse_other_excitation(
-    calibration: Calibration, source: ExcitationSource | None, quantity: ExcitationQuantity | None
+def _refuse_other_channels(
+    calibration: Calibration,
+    source: ExcitationSource | None,
+    quantity: ExcitationQuantity | None,
+    response: ResponseQuantity | None,
 ) -> Rejection | None:
-    """Refuse another excitation: torque at the screw, motor torque and force see different poles."""
+    """Refuse another excitation, for torque at the screw, motor torque and force see different poles; or response."""
     calibrated = calibration.excitation_quantity
     if quantity is not None and calibrated is not None and quantity != calibrated:
         return Rejection(
@@ -324,6 +336,11 @@ def _refuse_other_excitation(
         return Rejection(
             RejectionReason.EXCITATION_SOURCE_MISMATCH,
             f"the calibration is for excitation source {calibration.excitation_source or 'not stated'}; got {source}",
+        )
+    if None not in (response, calibration.response_quantity) and response != calibration.response_quantity:
+        return Rejection(
+            RejectionReason.EXCITATION_SOURCE_MISMATCH,
+            f"the calibration holds for a {calibration.response_quantity} as response; got {response}",
         )
     return None
 

@@ -47,7 +47,7 @@ from monitor_core.preload.regression import (
     weighted_least_squares,
 )
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, fit_witness
-from monitor_core.recording import ExcitationQuantity, ExcitationSource
+from monitor_core.recording import ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
 #: What another day changes of a frequency unless it is stated, relative: mounting, temperature within the machine,
@@ -92,6 +92,7 @@ def calibrate(
     weighting: Weighting | Literal["none", "std"],
     excitation_source: ExcitationSource | None,
     excitation_quantity: ExcitationQuantity | None = None,
+    response_quantity: ResponseQuantity | None = None,
     moving_mass: Estimate | None = None,
     temperature_coefficient: Estimate | None = None,
     maximum_modes: int = 2,
@@ -114,7 +115,7 @@ def calibrate(
     temperature are stated for all of them or for none; no payload stated means an empty table, 0 kg. The weighting
     ``std`` takes the stated standard uncertainties of the frequencies. Where these come from the fit of one record,
     scatter between measurements is usually many times larger and ``none`` uses the readings better. The calibration
-    holds for its excitation alone, which is ``None`` where a table of frequencies does not tell.
+    holds for its excitation and response alone, which are ``None`` where a table of frequencies does not tell.
 
     The moving mass [kg], the effective one without payload, is used where the readings hold one payload only, the
     temperature coefficient [s²/K] where the temperatures span less than ``TEMPERATURE_RESOLUTION``. Number of modes,
@@ -155,6 +156,7 @@ def calibrate(
         weighting=Weighting(weighting),
         excitation_source=excitation_source,
         excitation_quantity=excitation_quantity,
+        response_quantity=response_quantity,
         moving_mass=moving_mass,
         temperature_coefficient=temperature_coefficient,
         maximum_modes=maximum_modes,
@@ -262,6 +264,7 @@ def _regress(
     weighting: Weighting,
     excitation_source: ExcitationSource | None,
     excitation_quantity: ExcitationQuantity | None,
+    response_quantity: ResponseQuantity | None,
     moving_mass: Estimate | None,
     temperature_coefficient: Estimate | None,
     maximum_modes: int,
@@ -276,7 +279,7 @@ def _regress(
     if prior is None:
         refuse_too_few_settings(columns.position[unloaded], columns.preload[unloaded])
     else:
-        refuse_other_conditions(prior, columns, excitation_source, excitation_quantity)
+        refuse_other_conditions(prior, columns, excitation_source, excitation_quantity, response_quantity)
     weight = np.ones_like(columns.frequency)
     if weighting is Weighting.STD:
         weight = 1.0 / (columns.slope * columns.standard_uncertainty)
@@ -327,6 +330,7 @@ def _regress(
         position, force = position.joined(prior.position), force.joined(prior.preload)
         excitation_source = excitation_source or prior.excitation_source
         excitation_quantity = excitation_quantity or prior.excitation_quantity
+        response_quantity = response_quantity or prior.response_quantity
     return Calibration(
         parameters=parameters,
         parameter_names=names,
@@ -347,6 +351,7 @@ def _regress(
         reference_temperature=None if temperature is None else float(temperature.mean()),
         excitation_source=excitation_source,
         excitation_quantity=excitation_quantity,
+        response_quantity=response_quantity,
         maximum_modes=maximum_modes,
         phase_reference=phase_reference,
         moving_mass_dof=math.inf if unloaded.all() else max(np.count_nonzero(~unloaded) - 1.0, 1.0),

@@ -34,7 +34,7 @@ from monitor_core.preload.regression import (
     weighted_least_squares,
 )
 from monitor_core.preload.witnesses import Witness
-from monitor_core.recording import ExcitationQuantity, ExcitationSource
+from monitor_core.recording import ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
 #: Eigenvalue of the correlations below which a combination of the coefficients counts as exactly known, and how far
@@ -60,6 +60,7 @@ class CoefficientPrior:
     temperature: float | None = None  # [°C]; None: not stated
     excitation_source: ExcitationSource | None = None  # None: not stated
     excitation_quantity: ExcitationQuantity | None = None
+    response_quantity: ResponseQuantity | None = None
     witnesses: tuple[Witness, ...] = ()  # what is usual of the axis, where it was measured before
     friction: Estimate | None = None  # what friction torque adds to 1/f² [s²/(N·m)]
     between_sessions: float = 0.0  # what another day changes of a frequency, relative standard uncertainty [-]
@@ -119,6 +120,7 @@ def prior_from_calibration(calibration: Calibration, source: str) -> Coefficient
         temperature=calibration.reference_temperature,
         excitation_source=calibration.excitation_source,
         excitation_quantity=calibration.excitation_quantity,
+        response_quantity=calibration.response_quantity,
         witnesses=calibration.witnesses,
         friction=calibration.friction,
         between_sessions=calibration.between_sessions,
@@ -130,17 +132,22 @@ def refuse_other_conditions(
     readings: ReadingColumns,
     source: ExcitationSource | None,
     quantity: ExcitationQuantity | None,
+    response: ResponseQuantity | None,
 ) -> None:
-    """Raise OutsideValidityError where readings are of another payload, temperature or excitation than the prior."""
+    """Raise OutsideValidityError where readings are of other conditions or channels than the prior."""
     lowest = float(readings.payload.min())
     if lowest != prior.payload:
         raise OutsideValidityError(
             f"the prior holds for a payload of {prior.payload:g} kg, which must be the lowest of the readings; "
             f"got {lowest:g} kg"
         )
-    for stated, of_prior in ((source, prior.excitation_source), (quantity, prior.excitation_quantity)):
+    for what, stated, of_prior in (
+        ("excitation", source, prior.excitation_source),
+        ("excitation", quantity, prior.excitation_quantity),
+        ("response", response, prior.response_quantity),
+    ):
         if None not in (stated, of_prior) and stated != of_prior:
-            raise OutsideValidityError(f"the prior holds for the excitation '{of_prior}'; got readings of '{stated}'")
+            raise OutsideValidityError(f"the prior holds for the {what} '{of_prior}'; got readings of '{stated}'")
     if readings.temperature is None or prior.temperature is None:
         return
     mean = float(readings.temperature.mean())
@@ -187,6 +194,7 @@ def calibration_from_prior(prior: CoefficientPrior, *, moving_mass: Estimate | N
         reference_temperature=prior.temperature,
         excitation_source=prior.excitation_source,
         excitation_quantity=prior.excitation_quantity,
+        response_quantity=prior.response_quantity,
         prior=prior.source,
         witnesses=prior.witnesses,
         friction=prior.friction,

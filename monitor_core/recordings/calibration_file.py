@@ -26,7 +26,7 @@ from monitor_core.preload.calibration import (
 )
 from monitor_core.preload.verification import verify_calibration
 from monitor_core.preload.witnesses import TERMS, Witness, WitnessName
-from monitor_core.recording import ExcitationQuantity, ExcitationSource
+from monitor_core.recording import ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.recordings.elements.fields import Fields, json_list, json_numbers, json_object, json_table
 from monitor_core.recordings.elements.files import naming, read_text
 from monitor_core.recordings.elements.units import metres, to_millimetres
@@ -100,6 +100,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         },
         "excitation_source": calibration.excitation_source,
         "excitation_quantity": calibration.excitation_quantity,
+        "response_quantity": calibration.response_quantity,
         "maximum_modes": calibration.maximum_modes,
         "phase_reference": None if phase is None else {"polarity": phase.polarity, "delay_s": phase.delay},
         "uncertainty_stated": calibration.uncertainty_stated,
@@ -198,11 +199,12 @@ def _calibration(top: Fields) -> Calibration:
         reference_temperature=top.optional_number("reference_temperature_c", "°C"),
         excitation_source=top.optional_choice("excitation_source", ExcitationSource),
         excitation_quantity=top.optional_choice("excitation_quantity", ExcitationQuantity),
+        response_quantity=top.optional_choice("response_quantity", ResponseQuantity),
         maximum_modes=top.count("maximum_modes"),
         phase_reference=_phase_reference(top),
         moving_mass_dof=top.optional_number("moving_mass_degrees_of_freedom", "-") or math.inf,
         uncertainty_stated=top.values["uncertainty_stated"] is True if "uncertainty_stated" in top else True,
-        excitation_level=top.optional_number("excitation_level", "N.m/Hz^0.5 or N/Hz^0.5"),
+        excitation_level=top.optional_number("excitation_level", "its unit"),
         prior=top.text("prior") if on_prior else None,
         witnesses=_witnesses(top),
         friction=_friction(top),

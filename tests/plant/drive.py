@@ -84,7 +84,7 @@ class Drive:
         return np.sort(natural) / (2.0 * np.pi)
 
     def held(self, position: float, preload: float, payload: float = 0.0) -> float:
-        """Return the natural frequency of screw and table with the motor held: the zero of current to motor angle [Hz]."""
+        """Return the frequency of screw and table with the motor held: the zero of current to motor angle [Hz]."""
         a, _ = self.matrices(position, preload, payload)
         kept = [1, 2, 4, 5]
         poles = linalg.eigvals(a[np.ix_(kept, kept)])

@@ -105,7 +105,9 @@ def window_document(window: Window) -> JsonObject:
     def samples(values: np.ndarray[Any, Any]) -> bytes:
         return values.astype("<f4").tobytes()
 
-    conditions, trace = window.conditions, window.position_trace
+    conditions, trace, answer = window.conditions, window.position_trace, window.response
+    if window.response_quantity.derivatives > 1:  # counts from anywhere: at half a metre float32 leaves 30 nm
+        answer = answer.astype(np.float64) - float(answer[0])
     return {
         "started_at": window.started_at.isoformat(),
         "measurement": window.measurement,
@@ -113,7 +115,10 @@ def window_document(window: Window) -> JsonObject:
         "position_mm": to_millimetres(conditions.position),
         "position_span_mm": to_millimetres(window.position_span),
         "excitation": samples(window.excitation),
-        "response": samples(window.response),
+        # a displacement counts from anywhere: single precision would leave 30 nm of one that counts from half a metre
+        "response": samples(
+            from_first(window.response) if window.response_quantity.derivatives > 1 else window.response
+        ),
         "excitation_quantity": str(window.excitation_quantity),
         "excitation_unit": EXCITATION_UNIT[window.excitation_quantity],
         "excitation_source": str(window.excitation_source),
