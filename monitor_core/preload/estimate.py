@@ -123,8 +123,8 @@ def estimate_preload(
     The frequency is in hertz. A payload or temperature that is not stated is taken as the reference, and the result
     says so; excitation and response of the measurement are ``None`` where a table of frequencies does not tell.
     ``random_uncertainty`` is what is new in each measurement of the frequency's uncertainty, all of it where it is not
-    given: errors of the model stay as they are, and the charts do not wait for them to scatter. A frequency is
-    refused if its excitation or response is not the calibration's, if its place is far off the calibrated travel, if a payload
+    given: errors of the model stay as they are, and the charts do not wait for them to scatter. A frequency is refused
+    if excitation or response are not the calibration's, if its place is far off the calibrated travel, if a payload
     cannot be corrected, or if it is above what any preload gives; ``OutsideValidityError`` if it is not positive. The
     upper end of the interval is ``inf`` where no preload is too high to agree with the data (write ``null`` where a
     format has no infinity); the lower end is 0 where nothing is known.

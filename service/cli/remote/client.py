@@ -115,10 +115,7 @@ def window_document(window: Window) -> JsonObject:
         "position_mm": to_millimetres(conditions.position),
         "position_span_mm": to_millimetres(window.position_span),
         "excitation": samples(window.excitation),
-        # a displacement counts from anywhere: single precision would leave 30 nm of one that counts from half a metre
-        "response": samples(
-            from_first(window.response) if window.response_quantity.derivatives > 1 else window.response
-        ),
+        "response": samples(answer),
         "excitation_quantity": str(window.excitation_quantity),
         "excitation_unit": EXCITATION_UNIT[window.excitation_quantity],
         "excitation_source": str(window.excitation_source),
