@@ -1,8 +1,8 @@
 """Step the state of an axis from measurement to measurement, from unknown to alarm (ISO 13374: SD).
 
-The detector is one pure function, :func:`step`. It learns what is healthy as long as nothing speaks against it; after
-an alarm a person says so with :func:`reset`, or with a new calibration, which starts from a new
-:class:`monitor_core.trend.state.DetectorState`.
+The detector is one pure function, :func:`step`. It learns what is healthy as long as nothing speaks against it, a fall
+while it learns included; after an alarm a person says so with :func:`reset`, or with a new calibration, which starts
+from a new :class:`monitor_core.trend.state.DetectorState`.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend.baseline import baseline_of, contradicts, learn_baseline, learn_level_again
-from monitor_core.trend.belief import Belief, Prediction, learn, pass_over, predict
+from monitor_core.trend.belief import Belief, Prediction, Prior, learn, pass_over, predict
 from monitor_core.trend.charts import (
     EWMA_WEIGHT,
     SHEWHART_CONSECUTIVE,
@@ -24,6 +24,7 @@ from monitor_core.trend.charts import (
     winsorise,
 )
 from monitor_core.trend.lasting_loss import Beginnings, weigh, without_loss
+from monitor_core.trend.learning import EVIDENCE_LIMIT, weigh_fall
 from monitor_core.trend.observation import Observation, Session, first_of
 from monitor_core.trend.state import (
     Chart,
@@ -142,7 +143,7 @@ def closed_session(before: DetectorState, after: DetectorState) -> ClosedSession
     if session is None or (after.session is not None and after.session.started_at == session.started_at):
         return None
     if before.known is None:
-        return ClosedSession(session, None, None, alarmed=False)
+        return ClosedSession(session, None, None, alarmed=before.alarm is not None)
     charts = before.charts if after.session is None else after.before
     return ClosedSession(session, charts.residual, charts.reference, alarmed=charts.alarm is not None)
 
@@ -153,7 +154,8 @@ def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
     if session is None:
         return state
     if state.learnt is None or state.known is None:
-        return replace(state, learning=(*state.learning, session), session=None)
+        collected = (*state.learning, session) if state.alarm is None else state.learning
+        return replace(state, learning=collected, session=None)
     foreseen = state.foreseen or _foreseen(state, state.learnt, predict(state.known, session), session, design)
     charts, beginnings, prediction = state.charts, foreseen.beginnings, foreseen.prediction
     if not _is_whole(session, state.learnt):
@@ -211,7 +213,18 @@ def _has_settled_upwards(charts: Charts, learnt: Belief, design: DetectorDesign)
 
 
 def _learn(state: DetectorState, session: Session, design: DetectorDesign) -> DetectorState:
+    """Collect the baseline and learn it once there is enough, unless it falls: then not before a person says so.
+
+    A level that has settled lower is not learnt, either: nobody has looked why it did.
+    """
+    if state.alarm is not None:
+        return state
     collected = (*state.learning, session)
+    fall = weigh_fall(collected, state.prior or Prior(), towards_loss=_sign(design))
+    if fall is not None and fall.log_evidence > EVIDENCE_LIMIT:
+        evidence = (session.last_at, fall.log_evidence, EVIDENCE_LIMIT, fall.onset, fall.change, fall.level)
+        charts = replace(state.charts, alarm=Evidence(Chart.TREND, *evidence))
+        return replace(state, status=TrendStatus.ALARM, since=session.last_at, charts=charts)
     if state.learnt is not None:
         enough = len(collected) >= LEVEL_SIZE
         learnt, contradicted = learn_level_again(state.learnt, collected) if enough else None, state.contradicted

@@ -17,7 +17,7 @@ class TrendStatus(StrEnum):
     """State of an axis. *Not looked at* is not *healthy*."""
 
     UNKNOWN = "unknown"  #: nothing accepted yet, or nothing recently
-    LEARNING = "learning"  #: the baseline is being collected; no loss can be noticed
+    LEARNING = "learning"  #: the baseline is being collected; only a loss that goes on all the while is noticed
     NORMAL = "normal"
     ALERT = "alert"  #: early warning: something changed, up or down
     ALARM = "alarm"  #: preload is being lost, at the stated false-alarm rate
@@ -30,6 +30,7 @@ class Chart(StrEnum):
     SHEWHART = "shewhart"
     SHIRYAEV_ROBERTS = "shiryaev-roberts"
     EWMA = "ewma"
+    TREND = "trend"  #: of the sessions that the baseline was to be learnt from
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,10 @@ class Evidence:
     value: float  # of the chart: standard deviations, positive towards loss, or the logarithm of the evidence
     limit: float
     onset: datetime  # estimated begin of the change
-    change: Estimate  # mean difference from what was expected since the onset, in the unit of the observations
+    # mean difference from what was expected since the onset, in the unit of the observations; of a trend, which has no
+    # baseline to differ from, all of what it changed by since the onset, and the level that it had there
+    change: Estimate
+    level: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +123,7 @@ class DetectorState:
 
     @property
     def baseline(self) -> Baseline | None:
-        """What is learnt, for people; None as long as no alarm can be raised."""
+        """What is learnt, for people; until then, None, only a trend raises an alarm."""
         return None if self.learnt is None or self.known is None else baseline_of(self.learnt)
 
     @property

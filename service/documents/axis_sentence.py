@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from service.documents.history import AlertView
+from service.documents.measurement import Loss
 from service.documents.said import N_, Said, Value
 
 
@@ -28,6 +29,7 @@ class OpenAlarm:
     owner: str | None
     acknowledged_at: datetime | None
     other_cause: str | None = None  # what was examined says that it is not the preload
+    loss: Loss | None = None  # of a preload that falls while its baseline is learnt
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,7 @@ def standing(facts: AxisFacts) -> Standing:
     if facts.is_silent or facts.state == "unknown":
         return _unknown(facts)
     if facts.state == "learning":
-        text = N_("The baseline is being learnt. Until then no alarm can be raised.")
+        text = N_("The baseline is being learnt. Until then only a preload that falls all the while raises an alarm.")
         return Standing(Said(text), Said("Measure on as usual, on different days, until the baseline is learnt."))
     if facts.state == "alert":
         return _alerted(facts.alert)
@@ -99,6 +101,12 @@ def _uncalibrated(facts: AxisFacts) -> Standing:
 
 
 def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
+    if alarm.loss is not None:
+        step = N_(
+            "Inspect nut, bearings and mounting. When the axis is in order, clear the alarm: a new baseline is learnt "
+            "from then on."
+        )
+        return Standing(falls_while_learning(alarm.onset, alarm.loss), Said(step))
     lost = None if alarm.baseline is None or facts.preload is None else alarm.baseline - facts.preload
     values: dict[str, Value] = {"day": alarm.onset}
     if alarm.other_cause is not None:
@@ -119,6 +127,15 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
         return Standing(sentence, Said(step, {"day": facts.heard_at}))
     step = N_("Measure at another position, compare the friction torque, check nut preload and lubrication.")
     return Standing(sentence, Said(step))
+
+
+def falls_while_learning(onset: datetime, loss: Loss) -> Said:
+    """Return what is said of an axis whose preload falls while there is no baseline yet."""
+    text = N_(
+        "The preload falls while its baseline is being learnt: −%(lost)s ± %(half)s %% since %(day)s. Nothing of that "
+        "is learnt as healthy."
+    )
+    return Said(text, {"lost": loss.percent, "half": loss.half_width, "day": onset})
 
 
 def alarm_sentence(onset: datetime, baseline: float | None, lost: float | None, at: datetime, axis: str) -> Said:

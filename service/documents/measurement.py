@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
+import scipy
 from pydantic import TypeAdapter
 
 from monitor_core.arrays import FloatArray
@@ -24,7 +25,7 @@ from monitor_core.preload import (
 )
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.trend import Chart, latest_difference
+from monitor_core.trend import Chart, DetectorState, Evidence, latest_difference
 from monitor_core.uncertainty import Interval, IntervalKind
 from service.clock import text_of
 from service.json_types import Json, JsonObject
@@ -291,6 +292,8 @@ _CHART = {
 def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibration) -> JsonObject:
     """Lay out why an alarm was raised: the measurement, the chart, and since when."""
     alarm, baseline, difference = state.detector.alarm, state.detector.baseline, latest_difference(state.detector)
+    if alarm is not None and alarm.level is not None and point.preload_n is not None:
+        return _evidence_while_learning(point, state.detector, alarm, alarm.level)
     if alarm is None or baseline is None or difference is None or point.preload_n is None:
         raise AssertionError("an alarm has evidence, a baseline and an estimate behind it")
     healthy = preload_from_feature(baseline.mean, calibration.coefficients)
@@ -325,6 +328,48 @@ def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibrati
     })  # fmt: skip
 
 
+def _evidence_while_learning(point: "TrendPoint", state: DetectorState, alarm: Evidence, level: float) -> JsonObject:
+    """Lay out why an axis is said to fall while its baseline is learnt: there is none to compare it with."""
+    change = alarm.change
+    reach = float(scipy.special.stdtrit(change.degrees_of_freedom, 0.975)) * change.standard_uncertainty
+    # the feature is the inverse cube root of the preload
+    lower, lost, upper = (100.0 - 100.0 * (1.0 + (change.value + d) / level) ** -3 for d in (-reach, 0.0, reach))
+    unstated = any(session.temperature is None for session in (*state.learning, state.session) if session is not None)
+    doubt = "; temperature was not stated, so that a colder axis is not told from it" if unstated else ""
+    return finite_or_null({
+        "at": text_of(point.at),
+        "measurement": point.name,
+        "preload_n": point.preload_n,
+        "interval": list(interval_of(point)),
+        "interval_kind": "95 % coverage",
+        "baseline_preload_n": None,
+        "preload_loss_n": None,
+        "chart": str(alarm.chart),
+        "chart_value": alarm.value,
+        "chart_limit": alarm.limit,
+        "onset": text_of(alarm.onset),
+        "loss_percent": lost,
+        "loss_interval_95_percent": [lower, upper],
+        "sentence": (
+            f"the preload falls while its baseline is learnt: {-lost:.1f} ± {0.5 * (upper - lower):.1f} % since "
+            f"{alarm.onset:%Y-%m-%d}; the logarithm of the evidence is {alarm.value:.1f}, its limit "
+            f"{alarm.limit:.1f}{doubt}"
+        ),
+        "check_next": (
+            "inspect nut, bearings and mounting; when the axis is in order clear the alarm, which begins the baseline "
+            "anew; until then none is learnt"
+        ),
+    })  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Share of the preload that is lost since an onset, with half of its 95 % interval [%]."""
+
+    percent: float
+    half_width: float
+
+
 @dataclass(frozen=True, slots=True)
 class AlarmEvidence:
     """What is read again of the evidence of an alarm."""
@@ -337,6 +382,16 @@ class AlarmEvidence:
     baseline_preload_n: float | None
     baseline_started_at: datetime | None = None  # older versions did not say when the baseline was learnt
     baseline_ended_at: datetime | None = None
+    loss_percent: float | None = None  # of what falls while its baseline is learnt
+    loss_interval_95_percent: tuple[float, float] | None = None
+
+    @property
+    def loss(self) -> Loss | None:
+        """What is lost of a preload that falls while its baseline is learnt; None: it fell below one."""
+        if self.loss_percent is None or self.loss_interval_95_percent is None:
+            return None
+        lower, upper = self.loss_interval_95_percent
+        return Loss(self.loss_percent, 0.5 * (upper - lower))
 
 
 _EVIDENCE = TypeAdapter(AlarmEvidence)

@@ -184,8 +184,8 @@ def _baseline(alarm_id: int, evidence: AlarmEvidence) -> tuple[datetime, datetim
     """Return from when until when the baseline was learnt that an alarm rests on, its last measurement included."""
     if evidence.baseline_started_at is None or evidence.baseline_ended_at is None:
         raise NotIdentifiableError(
-            f"expected the time in which the baseline of alarm {alarm_id} was learnt; got none: an older version "
-            "raised it"
+            f"expected the time in which the baseline of alarm {alarm_id} was learnt; got none: it was raised before "
+            "that, or by an older version"
         )
     return evidence.baseline_started_at, evidence.baseline_ended_at + timedelta(microseconds=1)
 

@@ -72,7 +72,7 @@ def sentence(page: Page) -> str:
 SENTENCES = {
     "uncalibrated": "the axis is not calibrated. Next: Calibrate it",
     "never-measured": "Nothing was measured yet",
-    "learning": "The baseline is being learnt. Until then no alarm can be raised.",
+    "learning": "The baseline is being learnt. Until then only a preload that falls all the while raises an alarm.",
     "normal": "No loss of preload is seen. Next: Nothing is to be done.",
     "alert": "above the baseline on average. That is no loss.",
     "alarm": "N a day. Nobody has the alarm yet. Next: Measure at another position",

@@ -55,6 +55,7 @@ def open_alarm(alarms: Sequence[AlarmView]) -> OpenAlarm | None:
         owner=None if seen is None else seen.who,
         acknowledged_at=None if seen is None else seen.at,
         other_cause=cause.sentence if is_other else None,
+        loss=evidence.loss,
     )
 
 

@@ -90,7 +90,7 @@ def _unpacked(document: JsonObject) -> AxisState:
 _STATE = StoredRecord(
     "state of the charts",
     _ADAPTER,
-    version=7,  # a lubrication that was stated opens the level
+    version=7,  # a lubrication that was stated opens the level; what falls while it is learnt raises an alarm
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
     packed=_packed,
     unpacked=_unpacked,
