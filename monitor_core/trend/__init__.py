@@ -33,6 +33,14 @@ from monitor_core.trend.intervals import (
     confidence_interval_of_mean as confidence_interval_of_mean,
     paper_rule as paper_rule,
 )
+from monitor_core.trend.joint import (
+    JointEvidence as JointEvidence,
+    JointObservation as JointObservation,
+    JointState as JointState,
+    NumberChange as NumberChange,
+    joint_reset as joint_reset,
+    joint_step as joint_step,
+)
 from monitor_core.trend.lasting_loss import Said as Said
 from monitor_core.trend.line import (
     FEWEST_READINGS as FEWEST_READINGS,

@@ -1,0 +1,348 @@
+r"""Watch several numbers of an axis together: what none of them shows alone shows in how they differ together.
+
+Each number is predicted as in :mod:`monitor_core.trend.belief`: level, season and temperature, an autoregression in one
+of several structures, Student's t. The normal scores z of its errors are standard normal on a healthy axis. Together
+they have a covariance Ω that is learnt with an inverse-Wishart prior; it shrinks towards no correlation as Ledoit &
+Wolf (J. Multivar. Anal. 88 (2004) 365–411) do, and gives :math:`T^2 = z^\mathsf{T} \hat\Omega^{-1} z` the law of
+Hotelling's for few sessions, by which z is brought to its normal length. What moves all numbers at once on a healthy
+axis, such as a temperature that nobody measures, is a direction of Ω in which much is normal.
+
+A step d of any direction since session τ, normal with :data:`monitor_core.trend.joint_filter.STEP` standard deviations
+in all, is weighed against none as in :mod:`monitor_core.trend.lasting_loss`:
+
+.. math:: R_t = \sum_{\tau < t} \left| \Lambda_\tau + \Omega^{-1} p / s^2 \right|^{-1/2}
+    \left| \Omega^{-1} p / s^2 \right|^{1/2}
+    \exp \tfrac{1}{2} c_\tau^\mathsf{T} (\Lambda_\tau + \Omega^{-1} p / s^2)^{-1} c_\tau, \qquad
+    c_\tau = \sum_{i \ge \tau} G_i \Omega^{-1} z_i, \quad \Lambda_\tau = \sum_{i \ge \tau} G_i \Omega^{-1} G_i
+
+with what the filters have left of a unit step in the diagonal of G. Where it is known which way numbers go as preload
+is lost, most of the weight is on steps of that way, in any of them and alike. On a healthy axis :math:`R_t - t` is a
+martingale, so that the sessions until R exceeds A are A or more in the mean (Pollak, Ann. Stat. 13 (1985) 206–227). The
+evidence :math:`c^\mathsf{T} (\ldots)^{-1} c` is shared out among the numbers by the correlation's inverse root
+(Garthwaite & Koch, Aust. N. Z. J. Stat. 58 (2016) 99–119).
+
+A number that a session lacks is left out of its T² (the marginal law); such a session teaches nothing.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
+
+import numpy as np
+import scipy
+
+from monitor_core.arrays import FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.trend import joint_filter
+from monitor_core.trend.belief import DAY, KELVIN, YEAR, change_in_a_day
+from monitor_core.trend.charts import SESSIONS_PER_YEAR, DetectorDesign, LossDirection
+from monitor_core.trend.joint_filter import Bank, Judged, bank_from, judge, weighed_from
+from monitor_core.trend.observation import SESSION
+from monitor_core.uncertainty import Estimate
+
+#: Numbers are watched that so large a part of the baseline's sessions have.
+KNOWN = 0.9
+#: So many sessions tell the level again after an inspection.
+LEVEL_SIZE = 10
+#: A session is judged as soon as it has so large a part of the measurements that others had, or when it is over.
+WHOLE = 0.9
+#: Of the false alarms stated for an axis, so many may come on top from the numbers together.
+JOINT_SHARE = 0.2
+#: An alarm ends when the weighted mean of the sessions, of which the newest has this weight, ...
+NEWEST = 0.2
+#: ... is as near to what is healthy as in half of all healthy ones, so often in a row.
+RELEASE_COUNT = 3
+_SIGNS = {LossDirection.RISE: 1.0, LossDirection.FALL: -1.0, None: 0.0}
+
+
+@dataclass(frozen=True, slots=True)
+class JointObservation:
+    """The numbers of one accepted measurement, each in a unit in which its scatter is even, such as logarithms."""
+
+    at: datetime
+    values: Mapping[str, float]  # those that are known
+    temperature: float | None = None  # of the structure [°C]
+    in_doubt: bool = False
+
+    def __post_init__(self) -> None:
+        if self.at.tzinfo is None:
+            raise OutsideValidityError(f"at must carry a time zone; got {self.at.isoformat()}")
+        for name, value in self.values.items():
+            if not math.isfinite(value):
+                raise OutsideValidityError(f"{name} must be finite; got {value}")
+
+
+@dataclass(frozen=True, slots=True)
+class JointSession:
+    """The measurements of one session: the mean of each number."""
+
+    started_at: datetime
+    last_at: datetime
+    count: int = 0
+    values: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    temperature: float | None = None
+    n_temperatures: int = 0
+    in_doubt: bool = False
+
+    def with_observation(self, new: JointObservation) -> "JointSession":
+        """Return the session with one more measurement."""
+        values, counts = dict(self.values), dict(self.counts)
+        for name, value in new.values.items():
+            counts[name] = counts.get(name, 0) + 1
+            before = values.get(name, value)
+            values[name] = before + (value - before) / counts[name]
+        temperature, n = self.temperature, self.n_temperatures
+        if new.temperature is not None:
+            n += 1
+            temperature = new.temperature if temperature is None else temperature + (new.temperature - temperature) / n
+        return JointSession(
+            self.started_at, new.at, self.count + 1, values, counts, temperature, n, self.in_doubt or new.in_doubt
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class JointBelief:
+    """What was learnt of the numbers of a healthy axis; plain values only."""
+
+    names: tuple[str, ...]
+    signs: tuple[float, ...]  # 1 for a number that rises as preload is lost, -1 for one that falls, 0: not known
+    zeros: tuple[float, ...]  # the numbers are counted from here, ...
+    units: tuple[float, ...]  # ... in these units
+    started_at: datetime
+    last_at: datetime  # of the last session, learnt or not
+    n_sessions: int  # learnt
+    n_measurements: int
+    numbers: tuple[float, ...]  # of :class:`monitor_core.trend.joint_filter.Bank`
+    reference_temperature: float | None = None
+    latest_temperature: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NumberChange:
+    """What one number has to do with an alarm."""
+
+    name: str
+    change: Estimate  # since the onset, in the unit of the number
+    share: float  # of the evidence, 0 to 1
+
+
+@dataclass(frozen=True, slots=True)
+class JointEvidence:
+    """Why the numbers together raised an alarm: as it was then."""
+
+    raised_at: datetime
+    onset: datetime
+    log_evidence: float  # ln R
+    limit: float
+    changes: tuple[NumberChange, ...]  # by share, the largest first
+
+
+@dataclass(frozen=True, slots=True)
+class JointChart:
+    """What all sessions together say, and the beginnings that a change may have had."""
+
+    beginnings: tuple[datetime, ...] = ()
+    numbers: tuple[float, ...] = ()  # of each, see :class:`monitor_core.trend.joint_filter.Weighed`
+    log_evidence: float | None = None  # ln R after this session; None: not judged
+    alarm: JointEvidence | None = None
+    recent: tuple[float, ...] = ()  # weighted mean of the scores since the alarm
+    quiet: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """Everything that is remembered between measurements: the fold of :func:`joint_step` over them."""
+
+    last_at: datetime | None = None
+    first_at: datetime | None = None
+    n_sessions: int = 0
+    session: JointSession | None = None  # that is going on
+    learning: tuple[JointSession, ...] = ()
+    learnt: JointBelief | None = None
+    watching: bool = False
+    before: JointChart = JointChart()  # before the session that is going on, ...
+    chart: JointChart = JointChart()  # ... and with what it has so far
+    missing: tuple[str, ...] = ()  # numbers that the session that is going on lacks
+
+    @property
+    def alarm(self) -> JointEvidence | None:
+        """Evidence of the alarm that stands."""
+        return self.chart.alarm
+
+
+def joint_step(
+    state: JointState,
+    observation: JointObservation,
+    design: DetectorDesign,
+    loss: Mapping[str, LossDirection] | None = None,
+) -> JointState:
+    """Carry the joint chart over one more accepted measurement, later than all before it.
+
+    A life begins with ``JointState()``. The baseline has the size and span of the design's, sessions in doubt not
+    counted; fewer than two numbers are not watched together. ``loss`` says which way numbers go as preload is lost,
+    where that is known; it holds from the baseline on. No session alarms alone: it may bring half of the limit.
+    ``OutsideValidityError`` for an observation that is not later than the last.
+    """
+    at = observation.at
+    if state.last_at is not None and at <= state.last_at:
+        last, got = state.last_at.isoformat(), at.isoformat()
+        raise OutsideValidityError(f"observations must come in time order: expected one after {last}; got {got}")
+    session = state.session
+    if session is None or at - session.started_at >= SESSION:
+        state, session = _closed(state, design, loss or {}), JointSession(at, at)
+        first_at = at if state.first_at is None else state.first_at
+        state = replace(state, first_at=first_at, n_sessions=state.n_sessions + 1)
+    session = session.with_observation(observation)
+    state = replace(state, session=session, last_at=at)
+    if not state.watching or state.learnt is None:
+        return state
+    learnt = state.learnt
+    chart = state.before
+    if session.count * learnt.n_sessions >= WHOLE * learnt.n_measurements:
+        chart, _ = _carried(chart, learnt, session, joint_limit(state, design))
+    return replace(state, chart=chart, missing=tuple(name for name in learnt.names if name not in session.values))
+
+
+def joint_reset(state: JointState) -> JointState:
+    """Learn the level anew, because a person has looked at the axis and found it in order."""
+    return JointState(last_at=state.last_at, first_at=state.first_at, n_sessions=state.n_sessions, learnt=state.learnt)
+
+
+def joint_limit(state: JointState, design: DetectorDesign) -> float:
+    """Return the limit of ln R: the sessions between two false alarms, at the pace at which those of the axis come."""
+    per_year = design.settings.sessions_per_year
+    if state.first_at is not None and state.session is not None and state.session.started_at > state.first_at:
+        years = (state.session.started_at - state.first_at) / timedelta(days=SESSIONS_PER_YEAR)
+        per_year = (state.n_sessions - 1) / years
+    return math.log(max(per_year / (JOINT_SHARE * design.settings.false_alarms_per_year), 2.0))
+
+
+def _closed(state: JointState, design: DetectorDesign, loss: Mapping[str, LossDirection]) -> JointState:
+    """Close the session that was going on: learn it."""
+    session = state.session
+    if session is None:
+        return state
+    if state.watching and state.learnt is not None:
+        chart, belief = _carried(state.before, state.learnt, session, joint_limit(state, design))
+        return replace(state, session=None, before=chart, chart=chart, learnt=belief)
+    if session.in_doubt:
+        return replace(state, session=None)
+    settings, learnt = design.settings, state.learnt
+    # of numbers that come and go the newest sessions tell which can be watched
+    collected = (*state.learning, session)[-2 * settings.baseline_size :]
+    if learnt is None:
+        span = collected[-1].started_at - collected[0].started_at
+        enough = len(collected) >= settings.baseline_size and span >= settings.baseline_span
+        learnt = _begun(collected, loss) if enough else None
+    else:
+        enough = len(collected) >= LEVEL_SIZE
+        learnt = _with_bank(learnt, joint_filter.reopened(_bank(learnt))) if enough else None
+    if learnt is None:
+        return replace(state, session=None, learning=collected)
+    for each in collected:
+        learnt = _learnt(learnt, each, _judged(learnt, each))
+    return replace(state, session=None, learning=(), learnt=learnt, watching=True)
+
+
+def _begun(sessions: Sequence[JointSession], loss: Mapping[str, LossDirection]) -> JointBelief | None:
+    """Return the belief before anything is learnt, of the numbers that most sessions have and that scatter."""
+    names, zeros, units = [], [], []
+    for name in sorted({name for session in sessions for name in session.values}):
+        values = np.array([session.values[name] for session in sessions if name in session.values])
+        scatter = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+        if len(values) >= KNOWN * len(sessions) and scatter > 0.0:
+            names.append(name)
+            zeros.append(float(values.mean()))
+            units.append(scatter)
+    if len(names) < 2:
+        return None
+    temperatures = [session.temperature for session in sessions if session.temperature is not None]
+    reference, first = float(np.mean(temperatures)) if temperatures else None, sessions[0].started_at
+    numbers = joint_filter.begin(len(names)).numbers()
+    signs = tuple(_SIGNS.get(loss.get(name), 0.0) for name in names)
+    return JointBelief(tuple(names), signs, tuple(zeros), tuple(units), first, first, 0, 0, numbers, reference)
+
+
+def _bank(belief: JointBelief) -> Bank:
+    return bank_from(belief.numbers, len(belief.names))
+
+
+def _with_bank(belief: JointBelief, bank: Bank) -> JointBelief:
+    return replace(belief, numbers=bank.numbers())
+
+
+def _judged(belief: JointBelief, session: JointSession) -> Judged:
+    now, reference, apart = session.temperature, belief.reference_temperature, session.started_at - belief.last_at
+    warmer = 0.0 if now is None or reference is None else (now - reference) / KELVIN
+    change = change_in_a_day(belief.latest_temperature, now, apart) if apart else None
+    row = joint_filter.design_row((session.started_at - belief.started_at) / YEAR, change or 0.0, warmer)
+    known = np.array([name in session.values for name in belief.names])
+    values = np.array([session.values.get(name, zero) for name, zero in zip(belief.names, belief.zeros, strict=True)])
+    values = (values - np.array(belief.zeros)) / np.array(belief.units)
+    return judge(_bank(belief), row, apart / DAY, values, known)
+
+
+def _teaches(belief: JointBelief, session: JointSession) -> bool:
+    return not session.in_doubt and all(name in session.values for name in belief.names)
+
+
+def _learnt(belief: JointBelief, session: JointSession, judged: Judged) -> JointBelief:
+    """Learn a session, or let it go by."""
+    belief = replace(belief, last_at=session.started_at, latest_temperature=session.temperature)
+    if not _teaches(belief, session):
+        return _with_bank(belief, judged.bank)
+    counted = replace(belief, n_sessions=belief.n_sessions + 1, n_measurements=belief.n_measurements + session.count)
+    return _with_bank(counted, joint_filter.learn(judged))
+
+
+def _carried(
+    chart: JointChart, belief: JointBelief, session: JointSession, limit: float
+) -> tuple[JointChart, JointBelief]:
+    """Carry chart and belief over a session. Nothing is learnt of one in doubt, nor while an alarm stands."""
+    p, days = len(belief.names), (session.started_at - belief.last_at) / DAY
+    if not any(name in session.values for name in belief.names):
+        return chart, belief
+    judged = _judged(belief, session)
+    if chart.alarm is not None:
+        gone_by = replace(belief, last_at=session.started_at, latest_temperature=session.temperature)
+        return _standing(chart, judged), _with_bank(gone_by, judged.bank)
+    at, before = chart.beginnings, weighed_from(chart.numbers, p)
+    weighed = joint_filter.weigh(before, judged, days, limit=limit, learns=_teaches(belief, session))
+    learnt = _learnt(belief, session, judged)
+    each = joint_filter.log_evidence(weighed, judged, joint_filter.directions_of(belief.signs))
+    log_evidence = float(np.logaddexp.reduce((each + weighed.merged)[: len(at)])) if at else None
+    if log_evidence is not None and log_evidence > limit:
+        best = int(np.argmax(each[: len(at)]))
+        step, uncertainty, share = joint_filter.step_since(weighed, judged, best)
+        unit = judged.bank.scatter * np.array(belief.units)
+        changes = _changes(belief, step * unit, uncertainty * unit, share)
+        alarm = JointEvidence(session.last_at, at[best], log_evidence, limit, changes)
+        charted = JointChart(log_evidence=log_evidence, alarm=alarm, recent=tuple(step.tolist()))
+        bank = joint_filter.without_step(_bank(learnt), weighed, best, step)
+        return charted, _with_bank(learnt, bank)
+    weighed, gone = joint_filter.thinned(weighed, each)
+    kept = tuple(moment for index, moment in enumerate((*at, session.started_at)) if index != gone)
+    return JointChart(kept, weighed.numbers(), log_evidence), learnt
+
+
+def _changes(
+    belief: JointBelief, change: FloatArray, uncertainty: FloatArray, share: FloatArray
+) -> tuple[NumberChange, ...]:
+    degrees = 2.0 * _bank(belief).shape
+    changes = [
+        NumberChange(name, Estimate(float(change[i]), float(uncertainty[i]), degrees), float(share[i]))
+        for i, name in enumerate(belief.names)
+    ]
+    return tuple(sorted(changes, key=lambda item: -item.share))
+
+
+def _standing(chart: JointChart, judged: Judged) -> JointChart:
+    """Keep or release an alarm."""
+    recent = (1.0 - NEWEST) * np.array(chart.recent) + NEWEST * judged.score
+    middle = float(scipy.special.chdtri(recent.size, 0.5)) * NEWEST / (2.0 - NEWEST)
+    quiet = chart.quiet + 1 if float(recent @ judged.precision @ recent) < middle else 0
+    if quiet >= RELEASE_COUNT:
+        return JointChart()
+    return replace(chart, recent=tuple(recent.tolist()), quiet=quiet)
