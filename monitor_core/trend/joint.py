@@ -30,7 +30,6 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 
 import numpy as np
-import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
@@ -51,8 +50,8 @@ WHOLE = 0.9
 JOINT_SHARE = 0.2
 #: An alarm ends when the weighted mean of the sessions, of which the newest has this weight, ...
 NEWEST = 0.2
-#: ... is as near to what is healthy as in half of all healthy ones, so often in a row.
-RELEASE_COUNT = 3
+#: ... has so often in a row less than this of the step that raised it.
+RELEASE_COUNT, RELEASE_FRACTION = 3, 0.5
 _SIGNS = {LossDirection.RISE: 1.0, LossDirection.FALL: -1.0, None: 0.0}
 
 
@@ -147,6 +146,7 @@ class JointChart:
     numbers: tuple[float, ...] = ()  # of each, see :class:`monitor_core.trend.joint_filter.Weighed`
     log_evidence: float | None = None  # ln R after this session; None: not judged
     alarm: JointEvidence | None = None
+    step: tuple[float, ...] = ()  # that raised the alarm, in the scores
     recent: tuple[float, ...] = ()  # weighted mean of the scores since the alarm
     quiet: int = 0
 
@@ -319,9 +319,9 @@ def _carried(
         unit = judged.bank.scatter * np.array(belief.units)
         changes = _changes(belief, step * unit, uncertainty * unit, share)
         alarm = JointEvidence(session.last_at, at[best], log_evidence, limit, changes)
-        charted = JointChart(log_evidence=log_evidence, alarm=alarm, recent=tuple(step.tolist()))
-        bank = joint_filter.without_step(_bank(learnt), weighed, best, step)
-        return charted, _with_bank(learnt, bank)
+        now = tuple(np.linalg.solve(weighed.information[best], weighed.cross[best]).tolist())
+        bank = joint_filter.without_step(_bank(learnt), weighed, judged, best)
+        return JointChart(log_evidence=log_evidence, alarm=alarm, step=now, recent=now), _with_bank(learnt, bank)
     weighed, gone = joint_filter.thinned(weighed, each)
     kept = tuple(moment for index, moment in enumerate((*at, session.started_at)) if index != gone)
     return JointChart(kept, weighed.numbers(), log_evidence), learnt
@@ -340,9 +340,9 @@ def _changes(
 
 def _standing(chart: JointChart, judged: Judged) -> JointChart:
     """Keep or release an alarm."""
-    recent = (1.0 - NEWEST) * np.array(chart.recent) + NEWEST * judged.score
-    middle = float(scipy.special.chdtri(recent.size, 0.5)) * NEWEST / (2.0 - NEWEST)
-    quiet = chart.quiet + 1 if float(recent @ judged.precision @ recent) < middle else 0
+    recent, step = (1.0 - NEWEST) * np.array(chart.recent) + NEWEST * judged.score, np.array(chart.step)
+    left = float(step @ judged.precision @ recent) / float(step @ judged.precision @ step)
+    quiet = chart.quiet + 1 if left < RELEASE_FRACTION else 0
     if quiet >= RELEASE_COUNT:
         return JointChart()
     return replace(chart, recent=tuple(recent.tolist()), quiet=quiet)

@@ -330,8 +330,9 @@ def step_since(weighed: Weighed, judged: Judged, which: int) -> tuple[FloatArray
     return covariance @ weighed.found[which], np.sqrt(np.diagonal(covariance)), white**2 / float(white @ white)
 
 
-def without_step(bank: Bank, weighed: Weighed, which: int, step: FloatArray) -> Bank:
-    """Give back what the filter has taken of a step, in standard deviations, for level, season or dependence."""
+def without_step(bank: Bank, weighed: Weighed, judged: Judged, which: int) -> Bank:
+    """Give back what the filter has taken of a step since a beginning for level, season or dependence."""
+    step = np.linalg.solve(posterior_precision(weighed, judged)[which], weighed.cross[which])
     taken = weighed.effect[which] * (step * bank.scatter)[:, None]
     return replace(bank, mean=bank.mean - taken[:, None, :])
 
