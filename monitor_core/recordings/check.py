@@ -22,8 +22,9 @@ from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import AsProposed, ChannelSummary
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
-from monitor_core.recordings.raw.proposal.parts import holds_spectra_alone, made_of
+from monitor_core.recordings.raw.proposal.parts import Made, holds_spectra_alone, made_of, parts_of
 from monitor_core.recordings.raw.proposal.sampling import said_of_texts
+from monitor_core.recordings.raw.proposal.signals import signals_in, what_they_show
 from monitor_core.recordings.recognition import (
     CALIBRATION,
     CHANNEL_MAP,
@@ -288,6 +289,8 @@ def _contents_of_raw(as_proposed: AsProposed) -> tuple[tuple[str, object], ...]:
     read, layout = as_proposed.channels, as_proposed.layout
     responses = tuple(f"{each.name}: {inspection.response_remark(each)}" for each in read.responses)
     contents: list[tuple[str, object]] = [("frequency_responses", responses)] if responses else []
+    if made_of(read) is Made.SESSION and (shows := what_they_show(signals_in(parts_of(read)))):
+        contents.append(("what_it_shows", shows))
     if texts := read.texts:
         contents.append(("columns_of_texts", tuple(f"{name}: {values[0]}" for name, values in texts.items() if values)))
     if read.numbers:

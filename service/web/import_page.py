@@ -40,7 +40,7 @@ class FoundChannel(BaseModel):
 
 
 class Contents(BaseModel):
-    """What is in a session; of raw files the channels say it."""
+    """What is in a session; of raw files the channels say it, and what those without an acceleration show."""
 
     windows: int | None = None
     measurements: int = 0
@@ -48,6 +48,7 @@ class Contents(BaseModel):
     preloads_n: list[float] = []
     first_window_at: datetime | None = None
     last_window_at: datetime | None = None
+    what_it_shows: str = ""
 
 
 class Found(BaseModel):

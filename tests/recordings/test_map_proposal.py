@@ -110,12 +110,20 @@ def csv(path):
     return path
 
 
-def test_a_tdms_of_a_drive_needs_the_torque_constant_and_the_name_of_the_axis(tmp_path):
+def test_a_tdms_of_a_drive_needs_the_name_of_the_axis_and_takes_the_torque_constant(tmp_path):
     raw = tdms(tmp_path / "2025-03-01.tdms")
     filled = Filled(map_text(raw))
-    assert filled.places == ["sensitivity"]
-    session = filled.fill("sensitivity", 0.74).correct("axis_id", '"mill-3-x"').session(raw)
-    assert filled.edits <= MOST_EDITS
+    assert filled.places == []
+    (window,) = filled.session(raw).windows
+    assert (window.excitation_quantity, window.excitation_source) == (
+        ExcitationQuantity.CURRENT,
+        ExcitationSource.DRIVE,
+    )
+    np.testing.assert_array_equal(window.excitation, CURRENT)
+    (constant,) = re.findall(r'quantity = "torque", (.*?);', filled.text)  # as the comment says
+    (written,) = re.findall('^quantity = "current".*$', filled.text, re.MULTILINE)
+    filled.text = filled.text.replace(written, 'quantity = "torque"\n' + constant.replace(", ", "\n"))
+    session = filled.correct("axis_id", '"mill-3-x"').session(raw)
     (window,) = session.windows
     assert session.axis_id == "mill-3-x"
     assert (window.excitation_quantity, window.excitation_source) == (ExcitationQuantity.TORQUE, ExcitationSource.DRIVE)

@@ -101,7 +101,7 @@ def kind_of_name(name: str) -> ChannelKind | None:
         whole = _WHOLE.get(_without_unit(part).strip().lower())
         if whole is not None:
             return whole
-        words = _words(_without_unit(part))
+        words = [word.removeprefix("ist").removeprefix("soll") for word in _words(_without_unit(part))]
         for kind, beginnings in _BEGINNINGS.items():
             if any(word.startswith(beginnings) for word in words):
                 return kind
@@ -205,7 +205,10 @@ def names_other_unit(name: str) -> bool:
 def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
     """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
     stated = unit or unit_in_name(name)
-    for kind in (kind_in_unit(kind_of_name(name), stated), kind_of_unit(stated)):
+    by_name, by_unit = kind_in_unit(kind_of_name(name), stated), kind_of_unit(stated)
+    if by_name is ChannelKind.ACCELERATION and by_unit in STANDING:
+        by_name = by_unit  # what is in degrees or millimetres is none, whatever it is called
+    for kind in (by_name, by_unit):
         if kind is ChannelKind.FREQUENCY and (_says_other(name) or not _rises(samples)):
             if canonical_unit(stated) == "rad/s":
                 return ChannelKind.SPEED
@@ -234,6 +237,11 @@ def _says_other(name: str) -> bool:
 def is_planned(name: str) -> bool:
     """Tell whether a name is that of a set point or an error, which was not measured."""
     return _PLANNED.search(name) is not None
+
+
+def is_of_motor(name: str) -> bool:
+    """Tell whether a name is that of something the motor does, and not the table."""
+    return any(word.startswith(("motor", "rotor")) for word in _words(name))
 
 
 @np.errstate(over="ignore", invalid="ignore")

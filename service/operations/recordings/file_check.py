@@ -59,6 +59,6 @@ def _not_windows(name: str, report: FileReport) -> list[str]:
     if report.usable_with_map and report.read is not None and made_of(report.read.channels) is Made.SESSION:
         return []
     return [
-        f"{name}: expected a session, or a raw file with torque or force and acceleration over time; got "
+        f"{name}: expected a session, or a raw file with what drives the axis and what answers over time; got "
         f"{KINDS[report.format].what}, which has no windows"
     ]

@@ -11,8 +11,8 @@
     [excitation]
     channel = "Drive/Current"                  # name in the file
     column = 3                                 # optional: column or row of a two-dimensional array, counted from 1
-    quantity = "torque"                        # torque | force
-    source = "drive"                           # sensor | drive
+    quantity = "torque"                        # torque | force | current | acceleration (as it was commanded)
+    source = "drive"                           # sensor | drive | commanded
     unit = "A"                                 # what the numbers in the file are; left out, the file states it
     sensitivity = 0.74                         # only with a raw unit (V, A, count, %, deg, …) …
     sensitivity_unit = "N.m/A"                 # … "quantity/raw" or, as on a sensor's sheet, "raw/quantity"
@@ -24,9 +24,17 @@
     min_freq = 5                               # max_freq, accel_per_hz, hz_per_sec, sweeping_accel, sweeping_period and
     moving_mass_kg = 0.45                      # what is moved; channel is then any name, and unit "N"
 
-    [response]                                 # always an acceleration
+    [response]
     channel = "Nut/Acceleration"
-    unit = "g"
+    quantity = "acceleration"                  # may be left out; or velocity | displacement | motor-angle | motor-speed
+    unit = "g"                                 # | relative-displacement: the motor's way less that of this scale
+    resolution = 0.001                         # optional step of the numbers, in the unit of the file
+    lead_mm = 10                               # only of a motor's angle or speed that the file has in mm or mm/s
+
+    [response.motor]                           # only of a relative displacement of two channels
+    channel = "Motor/Angle"
+    unit = "deg"
+    lead_mm = 10                               # way of the table for one turn; negative: the two count against another
 
     [position]                                 # optional measured travel; replaces the two position entries below
     channel = "Drive/Position"
@@ -88,7 +96,7 @@ from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
-from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
+from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import listed, parse_toml, read_text
 from monitor_core.recordings.elements.units import (
@@ -97,10 +105,13 @@ from monitor_core.recordings.elements.units import (
     excitation_unit,
     factor_to_si,
     metres,
+    quantity_of_unit,
     response_factor,
     sensor_factor,
 )
 from monitor_core.recordings.raw.mapping.map_records import (
+    RESPONSE_QUANTITIES,
+    TRAVEL_OF,
     ChannelMap,
     Cutting,
     MapKind,
@@ -122,6 +133,7 @@ from monitor_core.recordings.raw.text.layout import TextLayout
 
 _PLACE = frozenset(("channel", "column", "row"))
 _SIGNAL = _PLACE | {"unit", "sensitivity", "sensitivity_unit", "offset", "time", "wraps_at"}
+_MOTOR = _SIGNAL | {"resolution", "lead_mm"}
 _SWEEP = frozenset((
     "min_freq", "max_freq", "accel_per_hz", "hz_per_sec", "sweeping_accel", "sweeping_period", "moving_mass_kg",
 ))  # fmt: skip
@@ -131,7 +143,7 @@ _FACTS = _CONDITIONS | {"started_at", "position_span_mm", "measurement", "direct
 #: Entries of each table.
 _ENTRIES: dict[str, AbstractSet[str]] = {
     "excitation": _SIGNAL | {"quantity", "source", "sweep"},
-    "response": _SIGNAL,
+    "response": _SIGNAL | {"quantity", "resolution", "lead_mm", "motor"},
     "position": _SIGNAL,
     "time": _PLACE | {"unit", "format", "date", "zone", "sample_rate_hz"},
     "resample": {"sample_rate_hz", "method"},
@@ -163,6 +175,7 @@ _PLACES_OF_KIND = {MapKind.SESSION: ("position_mm", "position_span_mm"), MapKind
 _ANY_MAP = {"axis_id", "description", "text"}
 _PHASES = {"deg": math.pi / 180.0, "rad": 1.0}
 _FREQUENCIES = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi}
+_NUMBER = re.compile(r"[-+\d.,eE\s]*")  # a text of these is a number in quotes, and no name of one
 _LEVEL = re.compile(r"dB re (?:1 ?)?(.+)")  # of a field quantity, as ISO 1683 writes it
 
 
@@ -188,7 +201,7 @@ def _require_entries(top: Fields, kind: MapKind) -> None:
     """Refuse a map that lacks several entries, with all of them; one alone is refused where it is read."""
     required = dict(_REQUIRED[kind])
     if kind is not MapKind.MOTION and "position" not in top and "files" not in top:
-        required["window"] = _PLACES_OF_KIND[kind]
+        required["window"] = _PLACES_OF_KIND[kind][: 1 if _says_travel(top) else None]
     missing = []
     for name, entries in required.items():
         table = top.values.get(name, {}) if name else top.values
@@ -200,29 +213,38 @@ def _require_entries(top: Fields, kind: MapKind) -> None:
         raise RecordingFormatError(f"{top.where}: expected {'; '.join(missing)}; they are missing")
 
 
+def _says_travel(top: Fields) -> bool:
+    """Tell whether the response is a scale, which says how far the table goes in a window."""
+    response = top.values.get("response")
+    return isinstance(response, dict) and response.get("quantity") == ResponseQuantity.DISPLACEMENT
+
+
 def _session_map(top: Fields) -> ChannelMap:
     if "excitation" not in top:
         raise RecordingFormatError(
-            f"{top.where}: expected a table [excitation], the torque or the force that drives the axis; it is missing, "
-            "and without it there is no frequency response"
+            f"{top.where}: expected a table [excitation], the torque, force or current that drives the axis; it is "
+            "missing, and without it there is no frequency response"
         )
     axis_id = top.text("axis_id")
-    excitation, response = _table(top, "excitation"), _table(top, "response")
-    quantity = ExcitationQuantity(excitation.word("quantity", [ExcitationQuantity.TORQUE, ExcitationQuantity.FORCE]))
+    excitation = _table(top, "excitation")
+    quantity = excitation.choice("quantity", ExcitationQuantity)
     measured = "position" in top
     window = _table(top, "window")
+    answers, response, motor = _response(_table(top, "response"))
     signals = SessionSignals(
         _channel(excitation, Quantity(quantity)),
         quantity,
         excitation.choice("source", ExcitationSource),
-        _channel(response, Quantity.ACCELERATION),
+        response,
         _channel(_table(top, "position"), Quantity.POSITION) if measured else None,
+        answers,
+        motor,
         _sweep(excitation.table("sweep", _SWEEP)) if "sweep" in excitation else None,
     )
     files = _files(top, _ENTRIES["files"], measured=measured)
     facts, named = _facts(window, measured=measured), _named(window)
     if not measured and not files:
-        facts_required(facts, window.where)
+        facts_required(facts, signals, window.where)
     return ChannelMap(
         signals,
         axis_id,
@@ -303,18 +325,58 @@ def _text(top: Fields) -> TextLayout | None:
     return TextLayout.from_fields(top.table("text")) if "text" in top else None
 
 
-def facts_required(facts: WindowFacts, where: str) -> None:
-    """Refuse windows whose place neither a channel nor the map says."""
+def facts_required(facts: WindowFacts, signals: SessionSignals, where: str) -> None:
+    """Refuse windows whose place neither a channel nor the map says; the way of a scale says how far they reach."""
+    travels = signals.response_quantity is ResponseQuantity.DISPLACEMENT
     for name, value in (("position_mm", facts.position), ("position_span_mm", facts.position_span)):
-        if value is None:
+        if value is None and not (travels and name == "position_span_mm"):
             raise RecordingFormatError(f"{where}, {name}: expected a number [mm]; it is missing")
 
 
-def _channel(fields: Fields, quantity: Quantity) -> MappedChannel:
+def _response(fields: Fields) -> tuple[ResponseQuantity, MappedChannel, MappedChannel | None]:
+    """Return what answers, its channel, and of a relative displacement of two channels that of the motor in metres."""
+    quantity = fields.optional_choice("quantity", ResponseQuantity) or ResponseQuantity.ACCELERATION
+    measured = RESPONSE_QUANTITIES[quantity]
+    lead = fields.optional_positive("lead_mm", "mm")
+    if lead is not None and measured not in TRAVEL_OF:
+        raise RecordingFormatError(
+            f"{fields.where}: expected lead_mm for a motor-angle or a motor-speed; got it for a {quantity}"
+        )
+    response = _channel(fields, measured, metres_per_turn=None if lead is None else metres(lead))
+    if "motor" not in fields:
+        return quantity, response, None
+    if quantity is not ResponseQuantity.RELATIVE_DISPLACEMENT:
+        raise RecordingFormatError(
+            f'{fields.where}: expected quantity = "relative-displacement" with a table [response.motor]; got {quantity}'
+        )
+    motor = fields.table("motor", _MOTOR)
+    lead = motor.number("lead_mm", "mm")
+    if lead == 0.0:
+        raise RecordingFormatError(f"{motor.where}, lead_mm: expected the way of the table for a turn; got 0 mm")
+    angle = _channel(motor, Quantity.ANGLE, metres_per_turn=metres(lead))
+    metres_per_radian = metres(lead) / (2.0 * math.pi)
+
+    def travel(unit: str, where: str) -> float:
+        return metres_per_radian * angle.convert(unit, where=where)
+
+    return quantity, response, replace(angle, factor=metres_per_radian * angle.factor, convert=travel)
+
+
+def _factor_of_turning(unit: str, quantity: Quantity, metres_per_turn: float, where: str) -> float:
+    """Return the factor of what turns to SI, which controls write as the way that the table goes by it, too."""
+    travel = TRAVEL_OF[quantity]
+    if quantity_of_unit(unit) is travel:
+        return factor_to_si(unit, travel, where) * 2.0 * math.pi / metres_per_turn
+    return factor_to_si(unit, quantity, where)
+
+
+def _channel(fields: Fields, quantity: Quantity, *, metres_per_turn: float | None = None) -> MappedChannel:
     """Return a channel with the factor that its numbers are brought to SI by."""
     if "sensitivity" in fields or "sensitivity_unit" in fields:
         sensitivity, its_unit = fields.positive("sensitivity", "-"), fields.text("sensitivity_unit")
         convert = partial(sensor_factor, sensitivity=sensitivity, sensitivity_unit=its_unit, quantity=quantity)
+    elif metres_per_turn is not None:
+        convert = partial(_factor_of_turning, quantity=quantity, metres_per_turn=metres_per_turn)
     else:
         convert = partial(factor_to_si, quantity=quantity)
     line = _line(fields, convert)
@@ -323,6 +385,7 @@ def _channel(fields: Fields, quantity: Quantity) -> MappedChannel:
         offset=fields.optional_number("offset", line.unit) or 0.0,
         time=fields.optional_text("time"),
         wraps_at=fields.optional_positive("wraps_at", line.unit),
+        resolution=fields.optional_positive("resolution", line.unit),
     )
 
 
@@ -374,11 +437,12 @@ def _resampling(top: Fields) -> Resampling | None:
 
 def _named(fields: Fields) -> NamedNumbers:
     """Return which numbers the map leaves to single numbers of the file, by their names."""
-    named = (
-        fields.text(name) if isinstance(fields.values.get(name), str) else None
-        for name in ("sample_rate_hz", "samples_per_window")
-    )  # fmt: skip
-    return NamedNumbers(*named)
+
+    def name_in(entry: str) -> str | None:
+        value = fields.values.get(entry)
+        return value if isinstance(value, str) and not _NUMBER.fullmatch(value) else None
+
+    return NamedNumbers(name_in("sample_rate_hz"), name_in("samples_per_window"))
 
 
 def _cutting(window: Fields, named: NamedNumbers) -> Cutting:

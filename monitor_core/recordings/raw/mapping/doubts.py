@@ -3,14 +3,15 @@
 Each doubt rests on a bound that no ball-screw axis reaches by a wide margin, and names what may have happened instead.
 """
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import ExcitationQuantity, Session
-from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.recording import ExcitationQuantity, ResponseQuantity, Session, Window
+from monitor_core.recordings.elements.units import Quantity, quantity_of_unit, to_millimetres
 from monitor_core.recordings.raw.mapping.map_records import MappedChannel, SessionSignals
 
 #: Below, no axial mode of an axis can be in a record: the fit takes up to 0.4 of the rate.
@@ -66,6 +67,8 @@ _MOST_NUMBERS = 1_000_000
 
 def doubts_of_numbers(numbers: SampleArray, source: MappedChannel, where: str) -> Iterator[str]:
     """Doubt the numbers of a channel as the file has them: counts of a converter, or an offset nobody took off."""
+    if quantity_of_unit(source.unit) in (Quantity.POSITION, Quantity.ANGLE):
+        return  # an encoder counts, from any zero
     values = np.asarray(numbers.reshape(-1)[:_MOST_NUMBERS], dtype=np.float64)
     values = values[np.isfinite(values)]
     if values.size < 2:
@@ -85,15 +88,16 @@ def doubts_of_numbers(numbers: SampleArray, source: MappedChannel, where: str) -
 
 def doubts_of_session(session: Session, signals: SessionSignals) -> Iterator[str]:
     """Doubt a session in SI: acceleration, force or torque by acceleration, travel."""
-    driven = _peak([window.excitation for window in session.windows])
-    answer = _peak([window.response for window in session.windows])
+    driven = _peak(window.excitation for window in session.windows)
+    answer = _peak(_as_acceleration(window) for window in session.windows)
     if answer > _GREAT_ACCELERATION:
         yield (
             f"response {signals.response.channel!r}: in doubt: {answer:.3g} m/s² at most; are the numbers "
             f"{signals.response.unit or 'in the unit that the file says'}, and not mV or counts?"
         )
-    low, high, unit = _MOVING[signals.quantity]
-    if signals.sweep is None and answer > 0.0 and driven > 0.0 and not low <= driven / answer <= high:
+    low, high, unit = _MOVING.get(signals.quantity, (0.0, math.inf, ""))
+    is_scaled = signals.sweep is None and signals.response_quantity is ResponseQuantity.ACCELERATION
+    if is_scaled and answer > 0.0 and driven > 0.0 and not low <= driven / answer <= high:
         yield (
             f"excitation {signals.excitation.channel!r}: in doubt: {driven:.3g} {'N' if unit == 'kg' else 'N·m'} and "
             f"{answer:.3g} m/s² at most would mean {driven / answer:.2g} {unit}; are the numbers {signals.quantity} in "
@@ -102,6 +106,15 @@ def doubts_of_session(session: Session, signals: SessionSignals) -> Iterator[str
     if signals.position is not None:
         traces = [window.position_trace for window in session.windows if window.position_trace is not None]
         yield from doubts_of_travel(traces, signals.position)
+
+
+def _as_acceleration(window: Window) -> FloatArray:
+    """Return at least what the table must accelerate by for these samples [m/s²]; nothing of a motor that turns."""
+    quantity = window.response_quantity
+    if quantity in (ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_SPEED):
+        return np.zeros(0)
+    n = quantity.derivatives
+    return np.diff(window.response.astype(np.float64), n) * window.sample_rate**n
 
 
 def doubts_of_travel(traces: Sequence[FloatArray], source: MappedChannel) -> Iterator[str]:
@@ -116,5 +129,6 @@ def doubts_of_travel(traces: Sequence[FloatArray], source: MappedChannel) -> Ite
         )
 
 
-def _peak(signals: Sequence[SampleArray]) -> float:
-    return max((float(np.max(np.abs(np.nan_to_num(values.astype(np.float64))))) for values in signals), default=0.0)
+def _peak(signals: Iterable[SampleArray]) -> float:
+    peaks = (float(np.max(np.abs(np.nan_to_num(values.astype(np.float64))), initial=0.0)) for values in signals)
+    return max(peaks, default=0.0)

@@ -1,5 +1,6 @@
 """Make a session, a motion record or an FRF set of raw files and their channel map."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, timedelta
@@ -37,6 +38,7 @@ from monitor_core.recordings.raw.mapping.map_records import (
     WindowsIn,
 )
 from monitor_core.recordings.raw.mapping.mapped import Record, signal_of, starts_of_windows, take_records
+from monitor_core.recordings.raw.mapping.relative import with_relative_displacement
 from monitor_core.recordings.raw.stated_numbers import doubts_of_sampling, number_named
 
 #: Called with the name of each file before it is read.
@@ -163,7 +165,7 @@ def _windows_of_file(
     seen: Callable[[Channels], None] | None,
 ) -> _FileWindows:
     path = paths[number]
-    sources = [signals.response, *([] if signals.position is None else [signals.position])]
+    sources = [source for source in (signals.response, signals.motor, signals.position) if source is not None]
     if signals.sweep is None:
         sources.insert(0, signals.excitation)
     channels = read_channels(path, channel_map.text)
@@ -176,10 +178,14 @@ def _windows_of_file(
         doubts += doubts_of_sampling(channels, records[0].sample_rate, n_samples)
     if signals.sweep is not None:
         records = tuple(with_commanded_force(record, signals.sweep) for record in records)
+    if signals.motor is not None:
+        records = tuple(with_relative_displacement(record) for record in records)
+    steps = [signal_of(channels, source)[1].step for source in (signals.response, signals.motor) if source is not None]
+    resolution = None if None in steps else math.hypot(*(step for step in steps if step is not None))
     del channels  # what is not in the records is not needed any more
     facts = facts_of_file(path, channel_map)
     if signals.position is None:
-        facts_required(facts, f"{path.name} [window]")
+        facts_required(facts, signals, f"{path.name} [window]")
     made = _FileWindows([], _delayed(records[0]), [])
     kinds = list[tuple[float, int, int]]()  # of windows: those of one measurement are of one rate, length and session
     n_sessions, end = 0, 0.0
@@ -210,6 +216,7 @@ def _windows_of_file(
                     started_at=start + begin,
                     path=path,
                     part=kinds.index(kind) + 1,
+                    resolution=resolution,
                 )
                 for piece, begin in zip(pieces, begins, strict=True)
             )
@@ -252,12 +259,15 @@ def _window(
     started_at: datetime,
     path: Path,
     part: int,
+    resolution: float | None,
 ) -> Window:
     position, span, trace = facts.position, facts.position_span, None
     if signals.position is not None:
         trace = piece[2].astype(np.float64)
         finite = trace[np.isfinite(trace)]  # the gate refuses a window with others
         position, span = float(np.mean(finite)) if finite.size else 0.0, span_of(trace)
+    elif span is None:  # of a scale, see facts_required
+        span = span_of(piece[1].astype(np.float64))
     require_place(position or 0.0, path.name)
     return Window(
         excitation=piece[0],
@@ -271,6 +281,8 @@ def _window(
         direction=facts.direction or Direction.BOTH,
         position_span=span or 0.0,
         position_trace=trace,
+        response_quantity=signals.response_quantity,
+        response_resolution=resolution,
     )
 
 

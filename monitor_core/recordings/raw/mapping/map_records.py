@@ -6,8 +6,21 @@ from datetime import datetime, tzinfo
 from enum import StrEnum
 
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
-from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
+from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource, ResponseQuantity
+from monitor_core.recordings.elements.units import Quantity
 from monitor_core.recordings.raw.text.layout import TextLayout
+
+#: What the numbers of a response measure.
+RESPONSE_QUANTITIES = {
+    ResponseQuantity.ACCELERATION: Quantity.ACCELERATION,
+    ResponseQuantity.VELOCITY: Quantity.VELOCITY,
+    ResponseQuantity.DISPLACEMENT: Quantity.POSITION,
+    ResponseQuantity.MOTOR_ANGLE: Quantity.ANGLE,
+    ResponseQuantity.MOTOR_SPEED: Quantity.SPEED,
+    ResponseQuantity.RELATIVE_DISPLACEMENT: Quantity.POSITION,
+}
+#: What a screw makes of a turning motor.
+TRAVEL_OF = {Quantity.ANGLE: Quantity.POSITION, Quantity.SPEED: Quantity.VELOCITY}
 
 
 class WindowsIn(StrEnum):
@@ -41,6 +54,13 @@ class MappedChannel:
     time: str | None = None  # channel of the same file that holds the sampling times of this one
     wraps_at: float | None = None  # numbers begin anew there, in the unit of the file
     in_decibels: bool = False  # 20 lg of a magnitude by 1 of the unit
+    resolution: float | None = None  # step in which it was taken, in the unit of the file; None: not stated
+
+    @property
+    def step(self) -> float | None:
+        """Step in which the numbers were taken, in SI: what is stated, and one of what counts; ``None``: not known."""
+        resolution = 1.0 if self.resolution is None and self.unit == "count" else self.resolution
+        return None if resolution is None else resolution * self.factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +140,8 @@ class SessionSignals:
     source: ExcitationSource
     response: MappedChannel
     position: MappedChannel | None
+    response_quantity: ResponseQuantity = ResponseQuantity.ACCELERATION
+    motor: MappedChannel | None = None  # whose travel [m] the response, a scale, is subtracted from
     sweep: Sweep | None = None  # what the excitation is worked out from, where no channel holds it
 
 

@@ -4,16 +4,26 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from monitor_core.recordings.elements.units import Quantity, canonical_unit, is_raw
+from monitor_core.recordings.elements.units import Quantity, canonical_unit, is_raw, quantity_of_unit
 from monitor_core.recordings.raw.channel_kind import ChannelKind, units_of
 from monitor_core.recordings.raw.proposal.parts import Part
 
 #: Usual sensitivities: how their unit is written, by what is measured and the raw unit.
 _SENSITIVITY_UNITS = {
     Quantity.TORQUE: {"A": "N.m/A", "mA": "N.m/A", "V": "V/N.m", "mV": "mV/N.m", "%": "N.m/100%"},
+    Quantity.CURRENT: {"V": "V/A", "mV": "mV/A", "%": "A/100%"},
     Quantity.FORCE: {"A": "N/A", "mA": "N/A", "V": "mV/N", "mV": "mV/N"},
+    Quantity.ANGLE: {"count": "count/rev", "V": "V/rev", "mV": "mV/rev"},
+    Quantity.SPEED: {"V": "V/(rev/min)", "mV": "mV/(rev/min)"},
     Quantity.ACCELERATION: {"V": "mV/g", "mV": "mV/g"},
-    Quantity.POSITION: {"V": "V/mm", "mV": "mV/mm", "deg": "mm/rev", "rad": "mm/rev", "rev": "mm/rev"},
+    Quantity.POSITION: {
+        "V": "V/mm",
+        "mV": "mV/mm",
+        "count": "nm/count",
+        "deg": "mm/rev",
+        "rad": "mm/rev",
+        "rev": "mm/rev",
+    },
 }
 
 
@@ -148,7 +158,7 @@ def channel_entries(part: Part | None, quantity: Quantity | None, parts: Sequenc
         yield MapEntry("unit", unit, "as the file says", Mark.STATED)
     else:
         yield MapEntry("unit", unit, "as the name of the channel says")
-    if is_raw(unit):
+    if is_raw(unit) and quantity_of_unit(unit) is not quantity:
         usual = None if quantity is None else _SENSITIVITY_UNITS[quantity].get(unit)
         of_what = "rated value, that of 100 %" if unit == "%" else "how much of it is one unit of the quantity"
         yield missing("sensitivity", f"{of_what}{'' if unit == '%' else ', or the other way round'}")

@@ -7,10 +7,12 @@ file leaves open is given a value by itself.
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 
+from monitor_core.recording import ExcitationQuantity, ResponseQuantity
 from monitor_core.recordings.elements.files import stem_of
-from monitor_core.recordings.elements.units import Quantity, canonical_unit
+from monitor_core.recordings.elements.units import Quantity, canonical_unit, quantity_of_unit
 from monitor_core.recordings.raw.channel_kind import DRIVES, ChannelKind
 from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.mapping.map_records import RESPONSE_QUANTITIES, TRAVEL_OF
 from monitor_core.recordings.raw.proposal.entries import (
     MapEntry,
     MapProposal,
@@ -32,8 +34,6 @@ from monitor_core.recordings.raw.proposal.parts import (
     first_like,
     made_of_parts,
     parts_of,
-    quantity_of,
-    signals_in,
 )
 from monitor_core.recordings.raw.proposal.sampling import (
     TextTimes,
@@ -43,11 +43,12 @@ from monitor_core.recordings.raw.proposal.sampling import (
     text_times,
     time_tables,
 )
+from monitor_core.recordings.raw.proposal.signals import Signals, quantity_of, signals_in, what_they_show
 from monitor_core.recordings.raw.stated_numbers import rate_of_numbers
 from monitor_core.recordings.raw.text.layout import TextLayout
 
 _MOST_LISTED = 40
-_WORDS_OF_SENSOR = ("sensor", "cell", "hammer", "transduc", "screw", "shaft", "load")
+_NO_ACCELERATION = "velocity | displacement | motor-angle | motor-speed; left out, it is an acceleration"
 _REMARKS_OF_TEXT = {
     "separator": "between columns: tab | semicolon | comma | blank",
     "decimal": "point | comma",
@@ -69,8 +70,10 @@ def proposed_map(channels: Channels, layout: TextLayout | None = None) -> MapPro
     name = stem_of(channels.file_name) or "axis"
     axis = MapTable("", (MapEntry("axis_id", name, "name of the axis; this is the name of the file"),))
     text = [] if layout is None else [MapTable("text", tuple(_text_entries(layout)))]
-    body = tables[made_of_parts(channels, parts)](parts, texts, channels)
-    return MapProposal(tuple(_in_file(channels, parts)), (axis, *text, *body), channels.file_name)
+    made = made_of_parts(channels, parts)
+    return MapProposal(
+        tuple(_in_file(channels, parts)), (axis, *text, *tables[made](parts, texts, channels)), channels.file_name
+    )
 
 
 def _in_file(channels: Channels, parts: Sequence[Part]) -> Iterator[str]:
@@ -103,42 +106,74 @@ def _text_entries(layout: TextLayout) -> Iterator[MapEntry]:
 
 
 def _session_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Channels) -> Iterator[MapTable]:
-    excitation, response = signals_in(parts)
-    shapes = {part.shape for part in (excitation, response) if part is not None}
+    signals = signals_in(parts)
+    shapes = {part.shape for part in signals.known}
     alike = [part for part in parts if part.shape in shapes or not shapes]
-    position = first_like(alike, (ChannelKind.POSITION,), (excitation, response))
+    travels = signals.answers is ResponseQuantity.DISPLACEMENT
+    places = () if travels else (ChannelKind.POSITION, ChannelKind.ANGLE)
+    position = first_like(alike, places, signals.known)
     lengths = {max(shape) for shape in shapes}
     fitting = [part for part in parts if part.size in lengths or not lengths]
-    times: Part | TextTimes | None = first_like(fitting, (ChannelKind.TIME,), (excitation, response, position)) or texts
-    yield MapTable("excitation", tuple(_excitation_entries(excitation, parts)))
-    acceleration = tuple(channel_entries(response, Quantity.ACCELERATION, parts))
-    yield MapTable("response", acceleration, "the acceleration of nut or table")
+    taken = (*signals.known, position)
+    times: Part | TextTimes | None = first_like(fitting, (ChannelKind.TIME,), taken) or texts
+    yield MapTable("excitation", tuple(_excitation_lines(signals, parts)))
+    what = "the acceleration of nut or table" if signals.answers is ResponseQuantity.ACCELERATION else ""
+    yield MapTable("response", tuple(_response_lines(signals, parts)), what, plain(what_they_show(signals)))
     if position is not None:
         travel = tuple(channel_entries(position, Quantity.POSITION, parts))
         yield MapTable("position", travel, "measured travel; without it, position_mm in [window]")
-    signals = [part for part in (excitation, response, position) if part is not None]
-    yield from time_tables(times, signals, channels)
-    yield MapTable("window", tuple(_window_lines(signals, times, channels, has_position=position is not None)))
+    used = [*signals.known, *([] if position is None else [position])]
+    yield from time_tables(times, used, channels)
+    lines = _window_lines(used, times, channels, has_position=position is not None, travels=travels)
+    yield MapTable("window", tuple(lines))
 
 
-def _excitation_entries(part: Part | None, parts: Sequence[Part]) -> Iterator[MapEntry]:
-    quantity = quantity_of(part)
-    entries = list(channel_entries(part, quantity, parts))
-    n_of_place = sum(entry.name in ("channel", "row", "column") for entry in entries)
-    yield from entries[:n_of_place]
-    if quantity is None:
+def _excitation_lines(signals: Signals, parts: Sequence[Part]) -> Iterator[MapEntry | str]:
+    place, others = _parted(channel_entries(signals.excitation, quantity_of(signals.excited), parts))
+    yield from place
+    if signals.excited is None:
         yield missing("quantity", '"torque" or "force"')
     else:
-        yield MapEntry("quantity", str(quantity), "torque | force")
-    name = "" if part is None else part.channel.name.lower()
-    by_sensor = quantity is not Quantity.TORQUE or any(word in name for word in _WORDS_OF_SENSOR)
-    source = "sensor" if by_sensor else "drive"
-    yield MapEntry("source", source, "sensor: measured; drive: from the motor's current")
-    yield from entries[n_of_place:]
+        yield MapEntry("quantity", str(signals.excited), "torque | force | current | acceleration")
+    yield MapEntry(
+        "source", str(signals.source), "sensor: measured; drive: current, or torque from it; commanded: asked for"
+    )
+    yield from others
+    if signals.excited is ExcitationQuantity.CURRENT:
+        yield (
+            'where the torque constant is known: quantity = "torque", sensitivity = 0.74, sensitivity_unit = "N.m/A"; '
+            "then modal mass and friction torque, too"
+        )
+
+
+def _response_lines(signals: Signals, parts: Sequence[Part]) -> Iterator[MapEntry | str]:
+    quantity = RESPONSE_QUANTITIES[signals.answers]
+    place, others = _parted(channel_entries(signals.response, quantity, parts))
+    yield from place
+    if signals.answers is not ResponseQuantity.ACCELERATION:
+        yield MapEntry("quantity", str(signals.answers), _NO_ACCELERATION)
+    unit = None if signals.response is None else signals.response.unit
+    if quantity in TRAVEL_OF and quantity_of_unit(unit) is TRAVEL_OF[quantity]:
+        yield MapEntry("unit", str(unit), "as file or name say: the way that the table goes by it")
+        yield missing("lead_mm", "way of the table for a turn of the motor")
+    else:
+        yield from others
+    if signals.motor is not None:
+        yield (
+            f'or quantity = "relative-displacement" with a table [response.motor], its channel = '
+            f"{printed(signals.motor.channel.name)}, unit and lead_mm: what the drive itself yields"
+        )
+
+
+def _parted(entries: Iterator[MapEntry]) -> tuple[list[MapEntry], list[MapEntry]]:
+    """Part the entries of a channel: where its numbers stand, and what they are in."""
+    listed = list(entries)
+    n_of_place = sum(entry.name in ("channel", "row", "column") for entry in listed)
+    return listed[:n_of_place], listed[n_of_place:]
 
 
 def _window_lines(
-    signals: Sequence[Part], times: Part | TextTimes | None, channels: Channels, *, has_position: bool
+    signals: Sequence[Part], times: Part | TextTimes | None, channels: Channels, *, has_position: bool, travels: bool
 ) -> Iterator[MapEntry | str]:
     arrays = [part.shape for part in signals if len(part.shape) == 2]
     rates = [rate for part in signals for rate in part.channel.time.rates]
@@ -158,6 +193,9 @@ def _window_lines(
         yield missing("started_at", "when the record began, with its zone, such as 2025-03-01T06:00:00Z")
     if not has_position:
         yield _POSITION
+    if travels:
+        yield "position_span_mm is left out: the scale says how far the table goes"
+    elif not has_position:
         yield number("position_span_mm", "0.0", "travel of the table during a window; 0 where it stood still")
     if arrays:
         in_rows = arrays[0][0] <= arrays[0][1]
@@ -166,7 +204,9 @@ def _window_lines(
         yield missing("window_interval_s", "from the start of one window to the start of the next")
     else:
         rate = stated.sample_rate if stated else None
-        yield cutting_entry(signals, times, rate_of_texts(times, channels) if isinstance(times, TextTimes) else rate)
+        yield cutting_entry(
+            signals, times, rate_of_texts(times, channels) if isinstance(times, TextTimes) else rate, channels
+        )
     measurement = "joins files within 10 minutes of each other; else each is a measurement"
     yield MapEntry("measurement", "at 250 mm", measurement, Mark.OPTIONAL)
     for name, value, remark in (
@@ -189,7 +229,8 @@ def _motion_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Cha
     what = "position and drive without an acceleration: a motion record, for preload explain (family motion)"
     yield MapTable("motion", rate, above=what)
     yield MapTable("motion.position", tuple(channel_entries(position, Quantity.POSITION, parts)))
-    quantity = quantity_of(drive) or Quantity.FORCE
+    quantity = quantity_of_unit(None if drive is None else drive.unit)
+    quantity = quantity if quantity in (Quantity.FORCE, Quantity.TORQUE) else Quantity.FORCE
     yield MapTable(f"motion.{quantity}", tuple(channel_entries(drive, quantity, parts)))
     if others:
         commanded = tuple(channel_entries(others[0], Quantity.POSITION, parts))

@@ -8,9 +8,8 @@ from enum import StrEnum
 import numpy as np
 
 from monitor_core.arrays import SampleArray
-from monitor_core.recordings.elements.units import Quantity, canonical_unit, quantity_of_unit
+from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw.channel_kind import (
-    DRIVES,
     ChannelKind,
     is_of_other_quantity,
     is_planned,
@@ -86,10 +85,10 @@ def made_of_parts(channels: Channels, parts: Sequence[Part]) -> Made:
 
 
 def _is_motion(parts: Sequence[Part]) -> bool:
+    """Tell whether a force moves something: a motor's own signals are those of a drive with a screw."""
     kinds = {part.kind for part in parts if not is_of_other_quantity(part.channel.name, part.channel.unit)}
-    if kinds.isdisjoint(DRIVES) or ChannelKind.POSITION not in kinds:
-        return False
-    return ChannelKind.ACCELERATION not in kinds and None not in kinds
+    of_drive = {ChannelKind.ACCELERATION, ChannelKind.TORQUE, ChannelKind.CURRENT, ChannelKind.ANGLE, None}
+    return {ChannelKind.FORCE, ChannelKind.POSITION} <= kinds and kinds.isdisjoint(of_drive)
 
 
 def parts_of(channels: Channels) -> list[Part]:
@@ -108,32 +107,7 @@ def parts_of(channels: Channels) -> list[Part]:
     return parts
 
 
-def signals_in(parts: Sequence[Part]) -> tuple[Part | None, Part | None]:
-    """Return what may be excitation and response: by what they look like, else in the order of the file."""
-    excitation = first_like(parts, DRIVES)
-    response = first_like(parts, (ChannelKind.ACCELERATION,))
-    longest = max((part.size for part in parts), default=0)
-    left = [part for part in parts if part.kind is None and part.size == longest and part.varies]
-    if excitation is None and left:
-        excitation = left.pop(0)
-    if response is None and left:
-        response = left.pop(0)
-    return excitation, response
-
-
 def first_like(parts: Sequence[Part], kinds: Sequence[ChannelKind], taken: Sequence[Part | None] = ()) -> Part | None:
     """Return the first channel that looks so, one that was measured before one that was planned."""
     fitting = [part for kind in kinds for part in parts if part.kind is kind and part not in taken]
     return min(fitting, key=lambda part: is_planned(part.channel.name), default=None)
-
-
-def quantity_of(part: Part | None) -> Quantity | None:
-    """Return torque or force as the unit says, else as the name says; None where neither does."""
-    if part is None:
-        return None
-    quantity = quantity_of_unit(part.unit)
-    if quantity in (Quantity.TORQUE, Quantity.FORCE):
-        return quantity
-    if part.kind is ChannelKind.CURRENT:
-        return Quantity.TORQUE
-    return Quantity(str(part.kind)) if part.kind in (ChannelKind.TORQUE, ChannelKind.FORCE) else None

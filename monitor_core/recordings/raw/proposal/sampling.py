@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from datetime import UTC
 
 import numpy as np
+import scipy
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit
@@ -26,13 +27,16 @@ from monitor_core.recordings.raw.proposal.entries import (
     plain,
 )
 from monitor_core.recordings.raw.proposal.parts import Part
-from monitor_core.recordings.raw.stated_numbers import StatedRate
+from monitor_core.recordings.raw.stated_numbers import StatedRate, period_of_numbers
 
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(?P<zone>[Zz]|[+-]\d\d:?\d\d)?", re.ASCII)
 _CLOCK = re.compile(r"\d{1,2}:\d\d(?P<seconds>:\d\d)?((?P<sign>[.,])\d+)?(?P<half>\s?[AaPp][Mm])?", re.ASCII)
 _DATE = re.compile(r"(\d{1,4})([-./])(\d{1,2})\2(\d{1,4})", re.ASCII)
 _MOST_LOOKED_AT = 1000
 _PLAUSIBLE_STEPS = (("s", 0.05), ("ms", 50.0), ("us", 5e4))  # longest step of a recording that is to show a mode
+_PERIOD = "windows of a period, so that nothing leaks"
+#: What repeats itself so often, so alike, and with so many lines of this share of the strongest, has a period.
+_FEWEST_PERIODS, _SHORTEST_PERIOD, _ALIKE, _FEWEST_LINES, _LEAST_LINE = 3, 64, 0.9, 10, 0.01
 #: Records of fewer seconds are left whole.
 _FEWEST_WINDOWS = 8
 
@@ -164,8 +168,17 @@ def _mean_rate(seconds: FloatArray, printed: float) -> float | None:
     return 1.0 / mean if mean > 0.0 else None
 
 
-def cutting_entry(signals: Sequence[Part], times: Part | TextTimes | None, rate_elsewhere: float | None) -> MapEntry:
-    """Propose windows of a second of a record that has several: a measurement is an average over windows."""
+def cutting_entry(
+    signals: Sequence[Part], times: Part | TextTimes | None, rate_elsewhere: float | None, channels: Channels
+) -> MapEntry:
+    """Propose windows of a record that has several: of a period that repeats itself, or else of a second."""
+    size = max((part.size for part in signals), default=0)
+    stated = period_of_numbers(channels)
+    if stated is not None and 2 * stated[1] <= size:
+        return MapEntry("samples_per_window", stated[0], f"{plain(stated[0])} of the file, now {stated[1]}: {_PERIOD}")
+    period = period_of(signals[0].head) if signals and len(signals[0].shape) == 1 else None
+    if period is not None:
+        return number("samples_per_window", str(period), f"{plain(signals[0].channel.name)} repeats itself: {_PERIOD}")
     rate = next((rate for part in signals for rate in part.channel.time.rates), None)
     if rate is None and isinstance(times, Part):
         unit, *_ = _unit_of_times(times)
@@ -173,12 +186,38 @@ def cutting_entry(signals: Sequence[Part], times: Part | TextTimes | None, rate_
             start, factor = times.head.reshape(-1), FACTOR_TO_SI[Quantity.TIME][unit]
             rate = _mean_rate(start.astype(np.float64) * factor, printed_digit(start) * factor)
     rate = rate_elsewhere if rate is None else rate
-    size = max((part.size for part in signals), default=0)
     if rate is None or not _FEWEST_WINDOWS * rate <= size:
         remark = "cuts a long record: a measurement is an average of several"
         return number("samples_per_window", "20000", remark, Mark.OPTIONAL)
     remark = "windows of a second; a measurement is an average over several"
     return number("samples_per_window", str(round(rate)), remark)
+
+
+def period_of(samples: SampleArray) -> int | None:
+    """Return after how many samples a broadband signal repeats itself; None where it does not, at least three times.
+
+    By the correlation of the record with itself, later: it must have fallen in between, and a period must hold many
+    lines, so that neither a slow signal nor a sine has one.
+    """
+    if samples.size < _SHORTEST_PERIOD * _FEWEST_PERIODS or not np.all(np.isfinite(samples)):
+        return None
+    values = samples.astype(np.float64) - float(np.mean(samples, dtype=np.float64))
+    n, longest = values.size, values.size // _FEWEST_PERIODS
+    spectrum = scipy.fft.rfft(values, 2 * n)
+    products = scipy.fft.irfft(np.abs(spectrum) ** 2)[: longest + 1]
+    energy = np.concatenate([[0.0], np.cumsum(values**2)])
+    lags = np.arange(longest + 1)
+    powers = np.sqrt(energy[n - lags] * (energy[n] - energy[lags]))
+    likeness = products / np.maximum(powers, np.finfo(np.float64).tiny)
+    fallen = np.flatnonzero(likeness < 0.5 * _ALIKE)
+    if not fallen.size:
+        return None
+    alike = fallen[0] + np.flatnonzero(likeness[fallen[0] :] > _ALIKE)
+    if not alike.size or alike[0] < _SHORTEST_PERIOD:
+        return None
+    period = int(alike[0] + np.argmax(likeness[alike[0] : alike[0] + _SHORTEST_PERIOD]))
+    lines = np.abs(scipy.fft.rfft(values[: n - n % period].reshape(-1, period).mean(axis=0))) ** 2
+    return period if int(np.sum(lines > _LEAST_LINE * lines.max())) >= _FEWEST_LINES else None
 
 
 def text_times(columns: Mapping[str, Sequence[str]]) -> TextTimes | None:
