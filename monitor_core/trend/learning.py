@@ -28,7 +28,7 @@ import numpy as np
 import scipy
 
 from monitor_core.arrays import FloatArray
-from monitor_core.trend.belief import DAY, FRICTION_SHARE, KELVIN, STRUCTURES, YEAR, Prior, change_in_a_day
+from monitor_core.trend.belief import DAY, FRICTION_SHARE, KELVIN, LUBRICATION, STRUCTURES, YEAR, Prior, change_in_a_day
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
 
@@ -77,7 +77,8 @@ def weigh_fall(sessions: Sequence[Session], prior: Prior, *, towards_loss: float
     days = np.array([(session.started_at - sessions[0].started_at) / DAY for session in sessions])
     covariates, deviations = _covariates(sessions, days, prior)
     left = values - values[0] - covariates @ np.array(prior.coefficients)
-    root = np.linalg.cholesky(_covariance(sessions, values, days, covariates * deviations))
+    spread = np.hstack([covariates * deviations, _lubrications(sessions)])
+    root = np.linalg.cholesky(_covariance(sessions, values, days, spread))
     columns = np.stack([np.ones(count), days * ((count - 1) / days[-1]), towards_loss * left], axis=1)
     white = np.linalg.solve(root, np.broadcast_to(columns, (len(STRUCTURES), count, 3)))
     gram = white.transpose(0, 2, 1) @ white
@@ -101,7 +102,7 @@ def weigh_fall(sessions: Sequence[Session], prior: Prior, *, towards_loss: float
     weight = np.exp(log_falling - np.logaddexp.reduce(log_falling))
     slope = cross / information
     mean = float(weight @ slope)
-    remaining = (squares - cross**2 / information) / (degrees - 1.0)
+    remaining = np.maximum(squares - cross**2 / information, 0.0) / (degrees - 1.0)
     variance = float(weight @ (remaining / information + (slope - mean) ** 2))
     level = values[0] + towards_loss * float(weight @ ((gram[:, 0, 2] - gram[:, 0, 1] * slope) / of_level))
     lost = Estimate(towards_loss * mean * degrees, math.sqrt(variance) * degrees, degrees - 1.0)
@@ -133,6 +134,12 @@ def _covariates(sessions: Sequence[Session], days: FloatArray, prior: Prior) -> 
     if None in temperatures:
         deviations[:2] = UNSTATED_SEASON
     return np.stack(columns, axis=1), deviations
+
+
+def _lubrications(sessions: Sequence[Session]) -> FloatArray:
+    """Return by how much each lubrication that was stated may move the level, from its session on."""
+    after = np.tri(len(sessions))[:, [session.lubricated for session in sessions]]
+    return np.asarray(LUBRICATION * after)
 
 
 def _centred(known: Sequence[float | None]) -> FloatArray:

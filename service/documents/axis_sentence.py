@@ -132,10 +132,10 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
 def falls_while_learning(onset: datetime, loss: Loss) -> Said:
     """Return what is said of an axis whose preload falls while there is no baseline yet."""
     text = N_(
-        "The preload falls while its baseline is being learnt: −%(lost)s ± %(half)s %% since %(day)s. Nothing of that "
-        "is learnt as healthy."
+        "The preload falls while its baseline is being learnt: −%(lost)s ± %(half)s %% from %(day)s to %(until)s. "
+        "Nothing of that is learnt as healthy."
     )
-    return Said(text, {"lost": loss.percent, "half": loss.half_width, "day": onset})
+    return Said(text, {"lost": loss.percent, "half": loss.half_width, "day": onset, "until": loss.until})
 
 
 def alarm_sentence(onset: datetime, baseline: float | None, lost: float | None, at: datetime, axis: str) -> Said:

@@ -351,9 +351,9 @@ def _evidence_while_learning(point: "TrendPoint", state: DetectorState, alarm: E
         "loss_percent": lost,
         "loss_interval_95_percent": [lower, upper],
         "sentence": (
-            f"the preload falls while its baseline is learnt: {-lost:.1f} ± {0.5 * (upper - lower):.1f} % since "
-            f"{alarm.onset:%Y-%m-%d}; the logarithm of the evidence is {alarm.value:.1f}, its limit "
-            f"{alarm.limit:.1f}{doubt}"
+            f"the preload falls while its baseline is learnt: {-lost:.1f} ± {0.5 * (upper - lower):.1f} % from "
+            f"{alarm.onset:%Y-%m-%d} to {point.at:%Y-%m-%d}; the logarithm of the evidence is {alarm.value:.1f}, its "
+            f"limit {alarm.limit:.1f}{doubt}"
         ),
         "check_next": (
             "inspect nut, bearings and mounting; when the axis is in order clear the alarm, which begins the baseline "
@@ -364,10 +364,11 @@ def _evidence_while_learning(point: "TrendPoint", state: DetectorState, alarm: E
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Share of the preload that is lost since an onset, with half of its 95 % interval [%]."""
+    """Share of the preload that is lost from an onset until a moment, with half of its 95 % interval [%]."""
 
     percent: float
     half_width: float
+    until: datetime
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,7 +392,7 @@ class AlarmEvidence:
         if self.loss_percent is None or self.loss_interval_95_percent is None:
             return None
         lower, upper = self.loss_interval_95_percent
-        return Loss(self.loss_percent, 0.5 * (upper - lower))
+        return Loss(self.loss_percent, 0.5 * (upper - lower), self.at)
 
 
 _EVIDENCE = TypeAdapter(AlarmEvidence)

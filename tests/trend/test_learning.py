@@ -157,6 +157,14 @@ def test_a_session_that_says_itself_that_it_is_worth_little_says_little():
     assert abs(weighed - before) < 0.3 * abs(plain - before)
 
 
+def test_a_step_at_a_lubrication_that_was_stated_speaks_less_for_a_fall():
+    values = 100.0 + np.random.default_rng(9).standard_normal(12) - 2.0 * (np.arange(12) >= 6)
+    sessions = sessions_of(values)
+    stated = [replace(session, lubricated=day == 6) for day, session in enumerate(sessions)]
+    plain, weighed = (weigh_fall(each, Prior(), towards_loss=-1.0).log_evidence for each in (sessions, stated))
+    assert weighed < plain - 0.5
+
+
 # --- the axis --------------------------------------------------------------------------------------------------------
 
 
@@ -197,6 +205,13 @@ def test_a_long_baseline_is_weighed_by_its_first_and_its_newest_sessions():
     fall = weigh_fall(slow, Prior(), towards_loss=-1.0)
     assert fall.log_evidence > EVIDENCE_LIMIT
     assert fall.change.value == pytest.approx(-13.0, abs=3.0 * fall.change.standard_uncertainty)
+
+
+@pytest.mark.parametrize("values", [100.0 - np.arange(6.0), [100.0] * 5 + [99.0]])
+def test_values_without_scatter_have_evidence(values):
+    fall = weigh_fall(sessions_of(values), Prior(), towards_loss=-1.0)
+    assert math.isfinite(fall.log_evidence)
+    assert fall.change.value < 0.0
 
 
 def test_a_rise_is_no_fall():
