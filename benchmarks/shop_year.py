@@ -17,7 +17,14 @@ import numpy as np
 from benchmarks.honest_intervals import SETTINGS, Judged
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisState, advance, scatter_with_history, witnesses_of
-from monitor_core.preload import Calibration, PreloadEstimate, estimate_preload, excess_variance_of, widened
+from monitor_core.preload import (
+    Calibration,
+    PreloadEstimate,
+    estimate_preload,
+    excess_variance_of,
+    friction_amplification,
+    widened,
+)
 from monitor_core.recording import Conditions, DoubtReason, Rejection
 from monitor_core.session import SessionMeasurement, calibrate_judged, judge_session, with_session_doubts
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
@@ -71,8 +78,14 @@ def judge_year(
             if history and isinstance(answer, PreloadEstimate) and isinstance(modal, ModalMeasurement):
                 before = state
                 state = advance(before, item.outcome, modal.started_at, calibration=calibration, design=DESIGN)
+                of_friction = friction_amplification(answer.feature.value, item.conditions, calibration)
                 scatter = scatter_with_history(
-                    before, modal.started_at, item.conditions, answer.feature_scatter, calibration
+                    before,
+                    modal.started_at,
+                    item.conditions,
+                    answer.feature_scatter,
+                    calibration,
+                    amplification=1.0 if modal.friction_torque is None else of_friction,
                 )
                 if scatter is not None:
                     excess = excess_variance_of(scatter, answer.feature_scatter)

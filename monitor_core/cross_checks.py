@@ -119,8 +119,8 @@ def _refuse_wrap(name: str, trace: SampleArray, scale: float, unit: str) -> Reje
     return Rejection(
         RejectionReason.POSITION_WRAPS,
         f"expected a {name} that does not begin anew; it jumps by {scale * steps[first]:.6g} {unit} behind sample "
-        f"{first}, against the way it goes, as a count that wraps: unwrap it before it is sent; of a raw file, "
-        "wraps_at in the map does",
+        f"{first}, against the way it goes, as a count that wraps: unwrap it before it is sent, as numpy.unwrap "
+        "does with its period; of a raw file, wraps_at in the map does",
     )
 
 
@@ -159,6 +159,8 @@ class CrossChecked:
 
     windows: tuple[Window, ...]
     doubts: tuple[Doubt, ...] = ()
+    #: 1 where a positive torque accelerates along the position trace, -1 where against it; None: not seen
+    trace_polarity: int | None = None
 
 
 #: A position tag is rounded, and read off another scale than the trace [m]. It may mean any place of the travel.
@@ -168,52 +170,72 @@ _ONE_TURN = 0.040
 _LONGEST_AXIS = 50.0  # [m]
 
 
-def cross_checked(windows: Sequence[Window], below: float) -> CrossChecked:
+def cross_checked(windows: Sequence[Window], below: float, trace_polarity: int | None = None) -> CrossChecked:
     """Compare what the windows of one measurement state twice; where they contradict themselves, say what is believed.
 
     A trace that the acceleration contradicts, below a frequency from which on the mode bends the axis [Hz], is left
-    out: the position is the tag then, and there is no friction torque. Of one that it bears out, the mean is the
-    position of a window whose tag lies off the travel: it is measured where a tag is typed.
+    out: the position is the tag then, and there is no friction torque. So is one that the torque drives the other way
+    than it did at the calibration, whose polarity is given. Of one that both bear out, the mean is the position of a
+    window whose tag is off it: it is measured where a tag is typed.
     """
-    rows = [_duration(windows), *_motion(windows, below)]
-    if any(row.contradiction for row in rows if row is not None and row.leaves_trace):
+    motion = _motion(windows, below)
+    rows = [_duration(windows)]
+    if motion is not None:
+        rows += [*motion.rows, _reversal(motion.trace_polarity, trace_polarity)]
+    is_left_out = any(row.contradiction for row in rows if row is not None and row.leaves_trace)
+    if is_left_out:
         windows = [replace(window, position_trace=None) for window in windows]
-    places = [_position(window) for window in windows]
-    believed = tuple(
-        replace(window, conditions=replace(window.conditions, position=1e-3 * row.seen))
-        if row is not None and row.takes_seen and row.contradiction
-        else window
-        for window, row in zip(windows, places, strict=True)
-    )
+    of_tag: dict[float, list[Window]] = {}
+    for window in windows:
+        of_tag.setdefault(window.conditions.position, []).append(window)
+    places = {tag: _position(tag, alike) for tag, alike in of_tag.items()}
+    believed = tuple(_placed(window, places[window.conditions.position]) for window in windows)
     doubts: dict[DoubtReason, Doubt] = {}
-    for row in (*rows, *places):
+    for row in (*rows, *places.values()):
         if row is not None and (found := row.contradiction) is not None:
             doubts.setdefault(found.reason, found)
-    return CrossChecked(believed, tuple(doubts.values()))
+    polarity = None if motion is None or is_left_out else motion.trace_polarity
+    return CrossChecked(believed, tuple(doubts.values()), polarity)
 
 
-def _position(window: Window) -> StatedTwice | None:
-    """Compare position tag and trace; a trace that passes through zero counts from a start of its own, and is none."""
-    trace, tag = window.position_trace, window.conditions.position
-    if trace is None:
+def _position(tag: float, windows: Sequence[Window]) -> StatedTwice | None:
+    """Compare a position tag with the traces of its windows; one that passes through zero is no position from zero.
+
+    The place is the mean of the traces. Where a stroke rests at one of its ends the mode is seen at both: what the mean
+    differs by from that over the energy of the acceleration is left open.
+    """
+    known = [
+        (window.position_trace, window.response)
+        for window in windows
+        if window.position_trace is not None and not window.position_trace.min() <= 0.0 <= window.position_trace.max()
+    ]
+    if not known:
         return None
-    low, high = float(trace.min()), float(trace.max())
-    if low <= 0.0 <= high or low - _TAG_TOLERANCE <= tag <= high + _TAG_TOLERANCE:
-        return None
-    mean = float(trace.mean())
+    mean, tolerance = float(np.mean([trace.mean() for trace, _ in known])), _TAG_TOLERANCE
+    if abs(tag - mean) > tolerance:  # hardly ever
+        energy = [(response - response.mean(dtype=np.float64)) ** 2 for _, response in known]
+        moment = sum(float(e @ (trace - mean)) for e, (trace, _) in zip(energy, known, strict=True))
+        tolerance += abs(moment) / max(sum(float(e.sum()) for e in energy), 1e-300)
     is_place = _ONE_TURN < mean < _LONGEST_AXIS
     return StatedTwice(
         DoubtReason.POSITION_CONTRADICTS_TRACE,
-        "the position tag where the position trace runs",
+        "the position tag at the mean of the position trace",
         1e3 * tag,
         1e3 * mean,
-        1e3 * (0.5 * (high - low) + _TAG_TOLERANCE),
+        1e3 * tolerance,
         "mm",
         "the trace is taken for the position"
         if is_place
         else "no nut is there, the trace may count within one turn of the screw: the tag is taken for the position",
         takes_seen=is_place,
     )
+
+
+def _placed(window: Window, place: StatedTwice | None) -> Window:
+    """Return a window at the place that its trace shows, where that contradicts its tag."""
+    if place is None or not place.takes_seen or place.contradiction is None:
+        return window
+    return replace(window, conditions=replace(window.conditions, position=1e-3 * place.seen))
 
 
 #: Starts are stated to a second by some, and windows that follow each other are late by as much as a clock is set [s].
@@ -299,18 +321,26 @@ _LAG_TOLERANCE = 0.0015
 _DERIVATIVES = {ResponseQuantity.ACCELERATION: 0, ResponseQuantity.DISPLACEMENT: 2}
 
 
-def _motion(windows: Sequence[Window], below: float) -> list[StatedTwice]:
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    """What the motion of position traces states twice."""
+
+    rows: tuple[StatedTwice, ...]
+    trace_polarity: int | None  # as of :class:`CrossChecked`
+
+
+def _motion(windows: Sequence[Window], below: float) -> _Motion | None:
     """Compare the motion of the position traces of one measurement with that of its acceleration."""
     first = windows[0]
     derivatives = _DERIVATIVES.get(first.response_quantity)
     is_torque = first.excitation_quantity is ExcitationQuantity.TORQUE
     if derivatives is None or not is_torque or any(w.position_trace is None for w in windows):
-        return []
+        return None
     if len({(w.n_samples, w.sample_rate) for w in windows}) > 1:
-        return []
+        return None
     functions = _test_functions(first.n_samples, first.sample_rate, below)
     if functions is None:
-        return []
+        return None
     traces = np.array([w.position_trace for w in windows])
     moved = (traces - traces.mean(axis=1, keepdims=True)) @ functions.second_derivative
     responses = np.array([w.response for w in windows], dtype=np.float64 if derivatives else None)
@@ -329,17 +359,17 @@ def _compared(
     *,
     functions: _TestFunctions,
     duration: float,
-) -> list[StatedTwice]:
+) -> _Motion | None:
     """Return the rows of scale and lag, of motions and torques by test functions, shape (n_windows, n).
 
-    The sign says nothing: position counts from the fixed bearing, torque and acceleration either way.
+    The sign of one measurement says nothing: torque and acceleration count either way along an axis.
     """
     to_motion = math.sqrt(2.0 / len(moved)) / (0.375 * duration)  # 3/8: mean of the taper
     of_trace, of_acceleration = (
         to_motion * float(np.linalg.norm(each / functions.omega**2)) for each in (moved, accelerated)
     )
     if of_acceleration < _LEAST_MOTION:
-        return []
+        return None
     power = float(np.linalg.norm(moved)) * float(np.linalg.norm(accelerated))
     evidence = ((moved.conj() * accelerated).sum(axis=0) @ functions.turns).real
     best = int(np.argmax(np.abs(evidence)))
@@ -347,7 +377,7 @@ def _compared(
     by_torque = float(np.vdot(driven, accelerated).real)
     by_torque /= float(np.linalg.norm(driven)) * float(np.linalg.norm(accelerated)) or 1.0
     if abs(correlation) < _FOLLOWS and abs(by_torque) < _TORQUE_FOLLOWS:
-        return []  # the acceleration is mostly noise here
+        return None  # the acceleration is mostly noise here
     row = _of_trace("the motion of the position trace as the acceleration integrated twice has it")
     rows = [row(1e3 * of_trace, 1e3 * of_acceleration, 1e3 * _SCALE_TOLERANCE * of_acceleration, "mm")]
     row = _of_trace("the position trace to go with the acceleration, correlation")
@@ -357,7 +387,16 @@ def _compared(
         lag_uncertainty = spread / float(np.sqrt(np.mean(functions.omega**2)))
         row = _of_trace("the lag of the position trace behind the acceleration", " until it is shifted by as much")
         rows.append(row(1e3 * float(functions.lags[best]), 0.0, 1e3 * (_LAG_TOLERANCE + 3.0 * lag_uncertainty), "ms"))
-    return rows
+    is_seen = abs(correlation) >= _FOLLOWS and abs(by_torque) >= _TORQUE_FOLLOWS
+    return _Motion(tuple(rows), int(math.copysign(1.0, correlation * by_torque)) if is_seen else None)
+
+
+def _reversal(seen: int | None, calibrated: int | None) -> StatedTwice | None:
+    """Compare which way the torque drives the trace with the way that it did at the calibration."""
+    if seen is None or calibrated is None:
+        return None
+    row = _of_trace("the torque to drive the position trace as at the calibration, sign")
+    return row(float(seen), float(calibrated), 0.0, "")
 
 
 def _of_trace(quantity: str, until: str = "") -> Callable[[float, float, float, str], StatedTwice]:

@@ -164,7 +164,8 @@ def judge_measurement(
     calibration or by one before it. Without a calibration the mode is measured and the preload refused as
     ``not-calibrated``; the outcome holds estimates, or the named reasons why there are none.
     """
-    checked = cross_checked(windows, search_band(settings, calibration, windows[0])[0])
+    calibrated = None if calibration is None else calibration.trace_polarity
+    checked = cross_checked(windows, search_band(settings, calibration, windows[0])[0], calibrated)
     windows = checked.windows
     band = search_band(settings, calibration, windows[0])
     modal = _sampled_too_slowly(windows[0], band) or measure_mode(
@@ -174,17 +175,20 @@ def judge_measurement(
         phase=None if calibration is None else calibration.phase_reference,
         maximum_modes=2 if calibration is None else calibration.maximum_modes,
     )
-    friction = estimate_friction(windows)
-    torque = None if isinstance(friction, Rejection) or friction.torque.value <= 0.0 else friction.torque.value
-    if isinstance(modal, ModalMeasurement):
-        modal = replace(modal, friction_torque=torque)
+    friction = estimate_friction(windows, checked.trace_polarity or calibrated)
+    if isinstance(modal, ModalMeasurement) and isinstance(friction, Friction):
+        modal = _with_friction(modal, friction)
     preload = _preload(modal, windows[0], calibration)
     if calibration is not None and calibration.maximum_modes < 2 and _may_be_two_modes(modal, preload):
-        both = _with_second_mode(modal, windows, settings, calibration, torque)
+        both = _with_second_mode(modal, windows, settings, calibration, friction)
         modal, preload = both or (modal, preload)
     if isinstance(preload, PreloadEstimate):  # first: what nothing else can be judged by
         preload = replace(preload, doubts=(*checked.doubts, *preload.doubts))
     return MeasurementOutcome(_warned(modal, checked.doubts), preload, friction)
+
+
+def _with_friction(modal: ModalMeasurement, friction: Friction) -> ModalMeasurement:
+    return replace(modal, friction_torque=friction.torque.value, trace_polarity=friction.trace_polarity)
 
 
 #: What a second mode beside the calibrated one shows itself by.
@@ -214,7 +218,7 @@ def _with_second_mode(
     windows: Sequence[Window],
     settings: AxisSettings,
     calibration: Calibration,
-    friction_torque: float | None,
+    friction: Friction | Rejection,
 ) -> tuple[ModalMeasurement, PreloadEstimate | Rejection] | None:
     """Measure once more with two modes; where the data require them, half of what that moves joins the uncertainty."""
     band = search_band(settings, calibration, windows[0])
@@ -224,7 +228,8 @@ def _with_second_mode(
     frequency = both.mode.frequency
     moved = 0.0 if isinstance(modal, Rejection) else modal.mode.frequency.value - frequency.value
     wider = replace(frequency, standard_uncertainty=math.hypot(frequency.standard_uncertainty, 0.5 * moved))
-    both = replace(both, mode=replace(both.mode, frequency=wider), friction_torque=friction_torque)
+    both = replace(both, mode=replace(both.mode, frequency=wider))
+    both = _with_friction(both, friction) if isinstance(friction, Friction) else both
     estimate = _preload(both, windows[0], calibration)
     if isinstance(estimate, Rejection):
         return both, estimate
@@ -374,11 +379,18 @@ FOLLOWED = timedelta(days=7)
 
 
 def scatter_with_history(
-    state: AxisState, at: datetime, conditions: Conditions, declared: float, calibration: Calibration
+    state: AxisState,
+    at: datetime,
+    conditions: Conditions,
+    declared: float,
+    calibration: Calibration,
+    *,
+    amplification: float,
 ) -> float | None:
     """Return the scatter between sessions that an axis in this state is known to have, ``None`` before a baseline.
 
-    ``declared`` is what the budget of its next measurement allows for, both as standard deviations of the feature [s²].
+    ``declared`` is what the budget of its next measurement allows for, both as standard deviations of the feature [s²],
+    ``amplification`` that of :func:`friction_amplification` where its friction torque is known, else 1.
     Of a temperature, the structure lags behind what has changed since the session before, not behind its distance from
     the calibration's. What the sessions have shown is pooled with the declared. A mounting or a lubrication lasts for a
     month: a small scatter counts by the months that have shown it, a large one by the sessions.
@@ -391,7 +403,7 @@ def scatter_with_history(
     if conditions.temperature is not None and before is not None and at - detector.learnt.last_at < FOLLOWED:
         _, excess = calibration.excess(conditions)
         changed = min(abs(conditions.temperature - before), abs(excess))
-        k_t = calibration.influence.temperature
+        k_t = amplification * calibration.influence.temperature
         variance -= k_t**2 * (lagging(excess) ** 2 - lagging(changed, THERMOMETER_OFFSET) ** 2)
     known = math.sqrt(max(variance, 0.0))
     months = (baseline.ended_at - baseline.started_at) / LASTING
@@ -436,6 +448,7 @@ def calibrate_from_measurements(
             f"a calibration holds for one kind of excitation and response; the measurements are of {got}"
         )
     quantity, source, response = channels.pop()
+    polarities = {m.trace_polarity for m in measurements} - {None}
     return calibrate(
         readings,
         weighting=weighting,
@@ -448,4 +461,5 @@ def calibrate_from_measurements(
         excitation_level=statistics.median(m.excitation_level for m in measurements),
         prior=prior,
         between_sessions=between_sessions,
+        trace_polarity=polarities.pop() if len(polarities) == 1 else None,  # of two kinds none is the right one
     )

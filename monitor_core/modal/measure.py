@@ -73,6 +73,7 @@ class ModalMeasurement:
     noise_level: float = math.nan  # of what the fit leaves of the response, rms per root hertz [m/(s²·√Hz)]
     leaves_response: bool = False  # whether the excitation explains more than one mode does, where no more was asked
     friction_torque: float | None = None  # over all motion of the windows; None: no motion, position or torque [N·m]
+    trace_polarity: int | None = None  # which way the torque drives the position trace, as of ``CrossChecked``
     rigid_line: Estimate | None = None  # below the mode; None: not seen [unit of the response]
 
 

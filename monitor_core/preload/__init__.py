@@ -25,6 +25,7 @@ from monitor_core.preload.estimate import (
     PreloadEstimate as PreloadEstimate,
     PreloadLadder as PreloadLadder,
     estimate_preload as estimate_preload,
+    friction_amplification as friction_amplification,
     place_reading as place_reading,
     preload_ladder as preload_ladder,
 )

@@ -131,6 +131,8 @@ class Calibration:
     witnesses: tuple[Witness, ...] = ()  # what else the windows held at the calibration; empty: nothing is compared
     friction: Estimate | None = None  # k_F, what friction torque adds to 1/f²; None: it is not seen to [s²/(N·m)]
     between_sessions: float = 0.0  # what another day changes of a frequency, relative standard uncertainty (type B) [-]
+    payload_stated: bool = False  # whether the readings stated one; if not, what it does is part of their scatter
+    trace_polarity: int | None = None  # 1: a positive torque drove along the trace, -1: against; None: not seen
 
     def __post_init__(self) -> None:
         if self.parameter_names[:4] != COEFFICIENT_NAMES or len(self.parameter_names) != self.parameters.values.size:

@@ -8,7 +8,7 @@ a small friction after a third of a millisecond. Where the drag torque is known 
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -57,14 +57,18 @@ class DragTorque:
 
 @dataclass(frozen=True, slots=True)
 class Friction:
-    """Friction of the axis over one measurement."""
+    """Friction of the axis over one measurement, positive whichever way torque and position count."""
 
     torque: Estimate  # :func:`friction_torque`; of windows too few for it the drag torque [N·m]
     drag: DragTorque | Rejection  # at constant velocity
+    trace_polarity: int  # 1: the torque is positive where the position rises, -1: where it falls
 
 
-def estimate_friction(windows: Sequence[Window]) -> Friction | Rejection:
-    """Return the friction of the windows of one measurement, or why they tell none: motion, position, torque, noise."""
+def estimate_friction(windows: Sequence[Window], trace_polarity: int | None = None) -> Friction | Rejection:
+    """Return the friction of the windows of one measurement, or why they tell none: motion, position, torque, noise.
+
+    Friction takes work: where the polarity is known, 1 or -1 as of the result, what gives work is none.
+    """
     velocities = velocities_of(windows)
     drag, torque = estimate_drag_torque(windows, velocities), friction_torque(windows, velocities)
     if isinstance(drag, DragTorque) and (
@@ -73,13 +77,17 @@ def estimate_friction(windows: Sequence[Window]) -> Friction | Rejection:
         torque = drag.drag
     if isinstance(torque, Rejection):
         return torque
-    if abs(torque.value) < _KNOWN * torque.standard_uncertainty:
+    polarity = trace_polarity or (-1 if torque.value < 0.0 else 1)
+    torque = replace(torque, value=polarity * torque.value)
+    if torque.value < _KNOWN * torque.standard_uncertainty:
         return Rejection(
             RejectionReason.LITTLE_EXCITATION,
             f"friction torque must exceed {_KNOWN:g} of its standard uncertainties; got {torque.value:.2g} N·m ± "
             f"{torque.standard_uncertainty:.2g} N·m",
         )
-    return Friction(torque, drag)
+    if isinstance(drag, DragTorque):
+        drag = replace(drag, drag=replace(drag.drag, value=polarity * drag.drag.value))
+    return Friction(torque, drag, polarity)
 
 
 def _is_of_friction(

@@ -234,16 +234,22 @@ def without_friction_excess(
         return WithoutFriction(feature, None, 0.0, 1.0)
     if torque is None:
         return WithoutFriction(feature, None, witness.expected(_usual_setting(feature, conditions, calibration)), 1.0)
-    k3 = calibration.coefficients.k3
-    at, excess, slope = feature, 0.0, 0.0
+    at, excess = feature, 0.0
     for _ in range(_FRICTION_STEPS):
-        setting = _usual_setting(at, conditions, calibration)
-        excess = torque - witness.expected(setting)
-        slope = witness.slope_in_theta(setting)
+        excess = torque - witness.expected(_usual_setting(at, conditions, calibration))
         before, at = at, max(feature - k_f.value * excess, _LEAST_FEATURE * feature)
         if abs(at - before) < _FRICTION_SETTLED * feature:
             break
-    return WithoutFriction(at, excess, torque - excess, 1.0 / max(1.0 - k_f.value * slope / k3, 0.2))
+    return WithoutFriction(at, excess, torque - excess, friction_amplification(at, conditions, calibration))
+
+
+def friction_amplification(feature: float, conditions: Conditions, calibration: Calibration) -> float:
+    """Return by how much an error of 1/f² grows where the friction torque is known, at a preload feature [s²]."""
+    witness, k_f = calibration.witness(WitnessName.FRICTION_TORQUE), calibration.friction
+    if witness is None or k_f is None:
+        return 1.0
+    slope = witness.slope_in_theta(_usual_setting(feature, conditions, calibration))
+    return 1.0 / max(1.0 - k_f.value * slope / calibration.coefficients.k3, 0.2)
 
 
 def _usual_setting(feature: float, conditions: Conditions, calibration: Calibration) -> Setting:

@@ -100,6 +100,7 @@ def calibrate(
     excitation_level: float | None = None,
     prior: CoefficientPrior | None = None,
     between_sessions: float = 0.0,
+    trace_polarity: int | None = None,
 ) -> Calibration:
     r"""Regress k1…k4 of Eq. (8), with µ and k_T where the readings vary payload and temperature.
 
@@ -119,9 +120,9 @@ def calibrate(
 
     The moving mass [kg], the effective one without payload, is used where the readings hold one payload only, the
     temperature coefficient [s²/K] where the temperatures span less than ``TEMPERATURE_RESOLUTION``. Number of modes,
-    phase reference and excitation level are carried along for the gates before the estimate. A prior is what was known
-    of k1…k4 before, from other readings or none: see :func:`fit_with_prior`. Its payload must be the lowest of the
-    readings, its excitation theirs.
+    phase reference, excitation level and trace polarity are carried along for what comes before the estimate. A prior
+    is what was known of k1…k4 before, from other readings or none: see :func:`fit_with_prior`. Its payload must be the
+    lowest of the readings, its excitation theirs.
 
     The covariance rests on the residuals (n − p degrees of freedom): unweighted on their variance alone, weighted on
     the stated uncertainties plus the scatter between measurements that the residuals show beyond them. The ranges of
@@ -164,7 +165,8 @@ def calibrate(
         excitation_level=excitation_level,
         prior=prior,
     )
-    calibration = replace(regress(readings), between_sessions=between_sessions)
+    carried = partial(replace, between_sessions=between_sessions, trace_polarity=trace_polarity)
+    calibration = carried(regress(readings))
     usual = {} if prior is None else {witness.name: witness for witness in prior.witnesses}
     usual |= {witness.name: witness for witness in fit_witnesses(readings, calibration)}
     calibration = replace(calibration, witnesses=tuple(usual.values()))
@@ -172,22 +174,17 @@ def calibrate(
     if friction is None:
         return replace(calibration, friction=None if prior is None else prior.friction)
     corrected = regress([without_friction(reading, calibration, friction) for reading in readings])
-    return replace(
-        _with_one_more_coefficient(corrected),
-        witnesses=calibration.witnesses,
-        friction=friction,
-        between_sessions=between_sessions,
-    )
+    return carried(_with_one_more_coefficient(corrected), witnesses=calibration.witnesses, friction=friction)
 
 
 def fit_witnesses(readings: Sequence[ModalReading], calibration: Calibration) -> tuple[Witness, ...]:
-    """Learn from the readings of a calibration what is usual of each witness that all of them bring."""
-    settings = [_setting(reading, calibration) for reading in readings]
-    fitted = [
-        fit_witness(name, [reading.witnesses[name] for reading in readings], settings)
-        for name in WitnessName
-        if all(name in reading.witnesses for reading in readings)
-    ]
+    """Learn from the readings of a calibration what is usual of each witness that most of them bring."""
+    fitted = []
+    for name in WitnessName:
+        bring = [reading for reading in readings if name in reading.witnesses]
+        if 2 * len(bring) > len(readings):
+            settings = [_setting(reading, calibration) for reading in bring]
+            fitted.append(fit_witness(name, [reading.witnesses[name] for reading in bring], settings))
     return tuple(witness for witness in fitted if witness is not None)
 
 
@@ -209,19 +206,20 @@ def friction_influence(readings: Sequence[ModalReading], calibration: Calibratio
     from one to the next, tell it better or leave it at that.
     """
     witness = calibration.witness(WitnessName.FRICTION_TORQUE)
-    if witness is None or not all(witness.name in reading.witnesses for reading in readings):
+    if witness is None or not any(witness.name in reading.witnesses for reading in readings):
         return None
     columns = reading_columns(readings, calibration.weighting)
-    unloaded = columns.payload_excess == 0.0
+    told = np.array([witness.name in reading.witnesses for reading in readings])
+    chosen = told & (columns.payload_excess == 0.0)
     excess = np.array([_friction_excess(reading, calibration, witness) for reading in readings])
     design = [feature_design(columns.position, columns.preload)]
     if TEMPERATURE_COEFFICIENT in calibration.parameter_names:
         design.append(columns.temperature_excess[:, np.newaxis])
-    matrix = np.column_stack([*design, excess])[unloaded]
+    matrix = np.column_stack([*design, excess])[chosen]
     usual = [witness.expected(_setting(reading, calibration)) for reading in readings]
     declared = USUAL_FRICTION_SHARE * float(columns.inverse_square.mean()) / float(np.mean(usual))
     try:
-        fit = weighted_least_squares(matrix, columns.inverse_square[unloaded], np.ones(int(unloaded.sum())))
+        fit = weighted_least_squares(matrix, columns.inverse_square[chosen], np.ones(int(chosen.sum())))
     except NotIdentifiableError:  # the friction never varied, or there are too few readings
         return Estimate(-declared, declared)
     value, uncertainty = fit.parameters.values[-1], fit.parameters.standard_uncertainties[-1]
@@ -231,7 +229,9 @@ def friction_influence(readings: Sequence[ModalReading], calibration: Calibratio
 
 
 def _friction_excess(reading: ModalReading, calibration: Calibration, witness: Witness) -> float:
-    return reading.witnesses[WitnessName.FRICTION_TORQUE] - witness.expected(_setting(reading, calibration))
+    """Return the friction torque beyond the usual; that of a reading which brings none is taken as usual [N·m]."""
+    usual = witness.expected(_setting(reading, calibration))
+    return reading.witnesses.get(WitnessName.FRICTION_TORQUE, usual) - usual
 
 
 def without_friction(reading: ModalReading, calibration: Calibration, friction: Estimate) -> ModalReading:
@@ -358,6 +358,7 @@ def _regress(
         uncertainty_stated=bool(np.all(columns.standard_uncertainty > 0.0)),
         excitation_level=excitation_level,
         prior=None if prior is None else prior.source,
+        payload_stated=readings[0].conditions.payload_mass is not None,
     )
 
 

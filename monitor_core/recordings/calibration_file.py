@@ -111,6 +111,8 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "friction_coefficient_s2_per_nm": friction.value if friction else None,
         "friction_coefficient_standard_uncertainty_s2_per_nm": friction.standard_uncertainty if friction else None,
         "between_sessions_relative": calibration.between_sessions,
+        "payload_stated": calibration.payload_stated,
+        "trace_polarity": calibration.trace_polarity,
     }
 
 
@@ -211,7 +213,17 @@ def _calibration(top: Fields) -> Calibration:
         between_sessions=top.not_negative("between_sessions_relative", "-")
         if "between_sessions_relative" in top
         else 0.0,
+        payload_stated=top.values.get("payload_stated") is True,
+        trace_polarity=_trace_polarity(top),
     )
+
+
+def _trace_polarity(top: Fields) -> int | None:
+    """Read which way the torque drove the position trace; earlier versions did not look."""
+    polarity = top.optional_number("trace_polarity", "-")
+    if polarity not in (None, -1.0, 1.0):
+        raise RecordingFormatError(f"{top.where}, trace_polarity: expected 1, -1 or null; got {polarity:g}")
+    return None if polarity is None else int(polarity)
 
 
 def _witnesses(top: Fields) -> tuple[Witness, ...]:

@@ -61,6 +61,13 @@ def _keep_shown_scatter(connection: Connection) -> None:
     connection.execute(text("ALTER TABLE trend_points ADD COLUMN shown_scatter_s2 FLOAT"))
 
 
+def _count_friction_positive(connection: Connection) -> None:
+    """Turn the friction of axes whose torque counts against their position: it is kept as positive now."""
+    connection.execute(text("UPDATE trend_points SET friction_torque_nm = ABS(friction_torque_nm)"))
+    connection.execute(text("UPDATE trend_points SET drag_torque_nm = ABS(drag_torque_nm)"))
+    connection.execute(text("UPDATE sessions SET friction_torque_nm = ABS(friction_torque_nm)"))
+
+
 #: Oldest version that this program opens.
 BASELINE = "0017"
 #: What follows the baseline: the version that each step leads to, and what it changes, on SQLite and on PostgreSQL.
@@ -69,6 +76,7 @@ STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0019", _repeat_names),
     ("0020", _keep_friction),
     ("0021", _keep_shown_scatter),
+    ("0026", _count_friction_positive),
 )
 #: The version that this program writes.
 VERSION = STEPS[-1][0]

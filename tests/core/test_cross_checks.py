@@ -6,14 +6,27 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
-from benchmarks.stated_twice import SETTINGS, SPOILT, answer, doubted, late, tagged_off, traced
+from benchmarks.stated_twice import (
+    REGIMES,
+    SETTINGS,
+    SPOILT,
+    WIRINGS,
+    WITHIN_STROKE,
+    Spoil,
+    answer,
+    doubted,
+    late,
+    tagged_off,
+    traced,
+)
 from monitor_core.cross_checks import looks_like_unit
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import check_window, judge_measurement
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.session import calibrate_session
-from tests.plant.shop import CASES, MEDIUM, Truth, calibration_session, case_session
+from tests.plant.chain import Condition
+from tests.plant.shop import CASES, MEDIUM, Truth, calibration_session, case_session, recorded_session
 
 
 @pytest.fixture(scope="module")
@@ -56,12 +69,65 @@ def test_windows_that_agree_are_not_doubted(healthy: Truth) -> None:
             assert doubted([change(w) for w in healthy.session.windows_of(name)]) == [], what
 
 
+@pytest.mark.parametrize("wiring", WIRINGS.values(), ids=WIRINGS)
+def test_a_reversed_trace_is_told_by_the_way_that_the_calibration_saw_it_driven(healthy: Truth, wiring: Spoil) -> None:
+    seen = []
+    for name in healthy.session.measurements[:2]:
+        windows = [wiring(w) for w in healthy.session.windows_of(name)]
+        calibrated = judge_measurement(windows, SETTINGS, None).modal
+        as_made = judge_measurement(healthy.session.windows_of(name), SETTINGS, None).modal
+        assert isinstance(calibrated, ModalMeasurement)
+        assert isinstance(as_made, ModalMeasurement)
+        # friction takes work, whichever way torque, acceleration and position count
+        assert calibrated.friction_torque == pytest.approx(as_made.friction_torque, rel=1e-9)
+        seen.append(calibrated.trace_polarity)
+        assert doubted(windows, calibrated.trace_polarity) == []
+        mirrored = [traced(lambda x, w: x.min() + x.max() - x)(w) for w in windows]
+        assert doubted(mirrored, calibrated.trace_polarity) == ["trace-contradicts-motion"]
+        assert doubted(mirrored, None) == []  # of a calibration that did not look
+    assert seen == [-1 if wiring is WIRINGS["torque backward"] or wiring is WIRINGS["both backward"] else 1] * 2
+
+
+def test_a_tag_is_compared_with_the_middle_of_long_strokes() -> None:
+    acquisition = replace(REGIMES["long strokes"](MEDIUM.acquisition), n_windows=4)
+    tagged = [Condition(0.5, MEDIUM.healthy)]
+    truth = recorded_session(MEDIUM, tagged, tagged, np.random.default_rng(54), acquisition=acquisition)
+    windows = truth.session.windows
+    assert min(w.position_span for w in windows) > 0.011
+    assert doubted(windows) == []
+    for off in (0.0025, -0.0025):
+        assert doubted([tagged_off(off)(w) for w in windows]) == []
+    for spoil, expected in WITHIN_STROKE.values():
+        modal = judge_measurement([spoil(w) for w in windows], SETTINGS, None).modal
+        assert isinstance(modal, ModalMeasurement)
+        assert expected in doubted([spoil(w) for w in windows])
+        assert modal.conditions.position == pytest.approx(np.mean([w.position_trace for w in windows]), abs=1e-6)
+    # windows that walk along a stroke, of one tag: it is right for the middle of it, and not for its end
+    ways = (-0.006, -0.002, 0.002, 0.006)
+    walking = [traced(lambda x, w, way=way: x + way)(w) for w, way in zip(windows, ways, strict=True)]
+    assert doubted(walking) == []
+    assert doubted([tagged_off(-0.006)(w) for w in walking]) == ["position-contradicts-trace"]
+
+
+def test_where_a_stroke_rests_at_one_end_its_tag_may_be_there_or_in_the_middle(healthy: Truth) -> None:
+    n, rate, stroke = 1024, 1024.0, 0.018
+    way = np.clip((np.arange(n) - 100.0) / 100.0, 0.0, 1.0) - np.clip((np.arange(n) - 320.0) / 100.0, 0.0, 1.0)
+    trace = 0.5 + stroke * way  # there and back in a third of the window
+    rings = np.zeros(n)
+    for edge in (100, 200, 320, 420):
+        rings[edge : edge + 60] += np.cos(0.9 * np.arange(60)) * np.exp(-np.arange(60) / 15.0)
+    made = replace(healthy.session.windows[0], sample_rate=rate, response=rings, excitation=rings, position_trace=trace)
+    for tag, said in ((trace.mean(), False), (0.5 + 0.5 * stroke, False), (0.5 - 0.006, True), (0.5 + stroke, True)):
+        window = replace(made, conditions=replace(made.conditions, position=float(tag)))
+        assert ("position-contradicts-trace" in doubted([window])) is said, tag
+
+
 def test_a_doubt_stands_with_the_mode_too_and_a_calibration_rests_on_the_trace(healthy: Truth) -> None:
     windows = healthy.session.windows_of(healthy.session.measurements[0])
     modal = judge_measurement([tagged_off(0.1)(window) for window in windows], SETTINGS, None).modal
     assert isinstance(modal, ModalMeasurement)
     assert modal.conditions.position == pytest.approx(windows[0].conditions.position, abs=2e-3)
-    assert "expected the position tag where the position trace runs" in modal.warnings[0]
+    assert "expected the position tag at the mean of the position trace" in modal.warnings[0]
 
 
 def test_rate_and_times_are_compared_but_for_windows_that_overlap(healthy: Truth) -> None:

@@ -1,6 +1,7 @@
 """What the pipeline adds to its parts: which band, which level, and what is kept out of the charts."""
 
 import itertools
+import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -174,7 +175,7 @@ def test_history_takes_the_place_of_what_was_declared_but_not_where_a_temperatur
     estimate = estimate_preload(Estimate(frequency, 0.01), winter, calibration)
     assert isinstance(estimate, PreloadEstimate)
     declared = estimate.feature_scatter
-    assert scatter_with_history(state, start, winter, declared, calibration) is None
+    assert scatter_with_history(state, start, winter, declared, calibration, amplification=1.0) is None
     for day in range(60):
         scattered = Estimate(frequency + rng.normal(0.0, 0.02), 0.01)
         of_day = estimate_preload(scattered, winter, calibration)
@@ -183,10 +184,18 @@ def test_history_takes_the_place_of_what_was_declared_but_not_where_a_temperatur
         state = advance_estimate(state, of_day, winter, at, calibration=calibration, design=charts())
     later = start + timedelta(days=60)
     # eight kelvin below the calibration's for two months: the structure has followed
-    steady = scatter_with_history(state, later, winter, declared, calibration)
+    steady = scatter_with_history(state, later, winter, declared, calibration, amplification=1.0)
     hot = Conditions(0.5, 0.0, 30.0)  # as far from the calibration's, and sixteen kelvin from the day before
-    jumped = scatter_with_history(state, later, hot, declared, calibration)
-    after_a_stop = scatter_with_history(state, later + timedelta(days=30), winter, declared, calibration)
+    jumped = scatter_with_history(state, later, hot, declared, calibration, amplification=1.0)
+    much_later = later + timedelta(days=30)
+    after_a_stop = scatter_with_history(state, much_later, winter, declared, calibration, amplification=1.0)
+    # what the structure no longer lags behind is 8 K at 45 %, and the half kelvin or so that yesterday's air leaves; of
+    # an amplified budget it is amplified alike
+    k_part = k_t * math.sqrt((0.45 * 8.0) ** 2 + 1.5**2 - 1.0**2)
+    base = math.sqrt(declared**2 - k_part**2)
+    amplified = math.hypot(base, 1.1 * k_part)
+    same = scatter_with_history(state, later, winter, amplified, calibration, amplification=1.1)
+    assert same == pytest.approx(steady, rel=1e-6)
     assert steady is not None
     assert jumped is not None
     assert after_a_stop is not None

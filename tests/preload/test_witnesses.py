@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -170,6 +171,29 @@ def test_coefficient_of_friction_is_the_declared_one_where_it_never_varies() -> 
     assert calibration.friction is not None
     assert calibration.friction.value == pytest.approx(-USUAL_FRICTION_SHARE * mean, rel=1e-3)
     assert calibration.friction.standard_uncertainty == pytest.approx(USUAL_FRICTION_SHARE * mean, rel=1e-3)
+
+
+def test_a_few_readings_without_friction_leave_it_to_the_others() -> None:
+    rng = np.random.default_rng(8)
+    made = [reading(x, p, rng, friction=math.exp(0.15 * rng.standard_normal())) for x in POSITIONS for p in PRELOADS]
+    untold = {k: v for k, v in made[7].witnesses.items() if k is not WitnessName.FRICTION_TORQUE}
+    lacking = [*made[:7], replace(made[7], witnesses=untold), *made[8:]]
+    fit = partial(calibrate, weighting="none", excitation_source=None, between_sessions=3e-4)
+    few, whole, without = fit(lacking), fit(made), fit([*made[:7], *made[8:]])
+    name = WitnessName.FRICTION_TORQUE
+    told, alone = few.witness(name), without.witness(name)
+    assert told is not None
+    assert alone is not None
+    # what is usual rests on the others, as if the reading were not there
+    assert np.array_equal(told.coefficients.values, alone.coefficients.values)
+    assert few.friction is not None
+    assert whole.friction is not None
+    assert abs(few.friction.value - FRICTION) < 3.0 * few.friction.standard_uncertainty
+    assert few.friction.standard_uncertainty < 1.3 * whole.friction.standard_uncertainty
+    assert few.n_readings == whole.n_readings
+    most = [replace(r, witnesses=untold) for r in made[:10]] + made[10:]
+    assert fit(most).witness(name) is None  # half of them may be of one place
+    assert fit(most).friction is None
 
 
 def without_noise(made: ModalReading) -> ModalReading:

@@ -92,6 +92,12 @@ def test_witnesses_and_friction_are_read_back(tmp_path: Path) -> None:
     back = read_calibration(path)
     assert back.friction == calibration.friction
     assert back.between_sessions == calibration.between_sessions == 3e-4
+    assert back.payload_stated is calibration.payload_stated is True
+    for polarity in (1, -1):
+        document = calibration_document(replace(calibration, trace_polarity=polarity))
+        assert calibration_from_document(document).trace_polarity == polarity
+    with pytest.raises(RecordingFormatError, match=r"trace_polarity: expected 1, -1 or null; got 0\.5"):
+        calibration_from_document(calibration_document(calibration) | {"trace_polarity": 0.5})
     assert [w.name for w in back.witnesses] == [w.name for w in calibration.witnesses]
     for read, written in zip(back.witnesses, calibration.witnesses, strict=True):
         assert (read.terms, read.scatter) == (written.terms, written.scatter)
@@ -102,10 +108,12 @@ def test_witnesses_and_friction_are_read_back(tmp_path: Path) -> None:
 
 def test_a_calibration_of_an_earlier_version_has_no_witnesses() -> None:
     document = calibration_document(FULL)
-    for key in ("witnesses", "friction_coefficient_s2_per_nm", "between_sessions_relative"):
+    newer = ("witnesses", "friction_coefficient_s2_per_nm", "between_sessions_relative")
+    for key in (*newer, "trace_polarity", "payload_stated"):
         del document[key]
     back = calibration_from_document(document)
     assert (back.witnesses, back.friction, back.between_sessions) == ((), None, 0.0)
+    assert (back.trace_polarity, back.payload_stated) == (None, False)
 
 
 @pytest.mark.parametrize("terms", [[], ["constant", "phase of the moon"]], ids=["none", "unknown"])

@@ -120,6 +120,19 @@ def test_older_folder_says_what_it_said(older: Path) -> None:
         assert answers["/v1/alarms/1"]["status"] == "acknowledged"
 
 
+def test_friction_that_an_older_program_counted_against_the_position_is_positive(older: Path) -> None:
+    file = older / "var" / "preload.db"
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute(
+            "UPDATE trend_points SET drag_torque_nm = CASE measurement_id % 2 WHEN 0 THEN -0.2 ELSE 0.2 END"
+        )
+        connection.commit()
+    opened(Database(f"sqlite:///{file}"))
+    with closing(sqlite3.connect(file)) as connection:
+        found = connection.execute("SELECT drag_torque_nm FROM trend_points GROUP BY drag_torque_nm").fetchall()
+    assert found == [(0.2,)]
+
+
 @pytest.mark.parametrize("version", ["0001", "0016"])
 def test_still_older_folder_says_what_to_do_and_is_left_alone(older: Path, version: str) -> None:
     file = older / "var" / "preload.db"

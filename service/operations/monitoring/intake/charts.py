@@ -15,7 +15,7 @@ from enum import StrEnum
 from sqlalchemy import Connection
 
 from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature, scatter_with_history
-from monitor_core.preload import Calibration, PlaceReading, preload_from_feature
+from monitor_core.preload import Calibration, PlaceReading, friction_amplification, preload_from_feature
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import ClosedSession, DetectorDesign, closed_session
@@ -314,7 +314,7 @@ class _Fold:
             self._places |= _said_of(self._state)
         detector, healthy, learnt = self._state.detector, before.detector.baseline, None
         if calibration is not None and point.shown_scatter_s2 is not None:
-            learnt = scatter_with_history(before, point.at, _conditions(point), point.shown_scatter_s2, calibration)
+            learnt = _learnt_scatter(before, point, point.shown_scatter_s2, calibration)
         elif healthy is not None and point.feature_s2 is not None:
             learnt = healthy.scatter
         baseline = None
@@ -381,6 +381,13 @@ class _Fold:
         if newest is None:
             return charts
         return replace(charts, last_measurement_id=newest.measurement_id, last_measured_at=newest.at)
+
+
+def _learnt_scatter(before: AxisState, point: TrendPoint, declared: float, calibration: Calibration) -> float | None:
+    conditions, amplification = _conditions(point), 1.0
+    if point.feature_s2 is not None and point.friction_torque_nm is not None:
+        amplification = friction_amplification(point.feature_s2, conditions, calibration)
+    return scatter_with_history(before, point.at, conditions, declared, calibration, amplification=amplification)
 
 
 def _advanced(
