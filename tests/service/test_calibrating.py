@@ -22,6 +22,7 @@ from monitor_core.recordings.session_hdf5 import write_session
 from service.documents.map_form import FieldTable, filled_map, map_fields
 from service.operations.calibrating import fit_job
 from service.operations.recordings import file_check
+from tests.recordings.test_drive_signals import drive_log
 from tests.service import stand_in_readers as stand_ins
 from tests.service.conftest import CONFIGURATION, START, Api, axial_frequency, running_service, simulated_measurement
 from tests.service.test_jobs import wait_for
@@ -280,8 +281,30 @@ def test_a_raw_file_is_taken_with_the_form_that_is_proposed(api: Api, tmp_path: 
     assert wait_for(api, answer.json()["id"], "done")["result"]["windows_posted"] == 4
 
 
-def test_the_map_of_a_form_that_nobody_touched_is_the_proposal(tmp_path: Path) -> None:
-    csv(tmp_path / "run.csv")
+def drive_csv(path: Path) -> None:
+    current, _, scale = drive_log(n_periods=4, noise=1e-8)
+    rows = np.column_stack([0.5 * np.arange(current.size), current, 1e6 * scale])
+    np.savetxt(path, rows, "%.9g", ",", header="t [ms],Motor current [A],Scale [um]", comments="")
+
+
+def test_a_log_without_an_acceleration_is_taken_and_says_what_it_can_show(api: Api, tmp_path: Path) -> None:
+    drive_csv(tmp_path / "log.csv")
+    number, job = upload(api, ("log.csv", (tmp_path / "log.csv").read_bytes()))
+    shows = "natural frequency, damping and, with a calibration, preload from the scale"
+    assert shows in job["result"]["contents"]["what_it_shows"]
+    page = api.http.get(f"/axes/axis/import/{number}").text
+    assert shows in page
+    assert 'value="displacement"' in page
+    form = TypeAdapter(list[FieldTable]).validate_python(job["result"]["map_form"])
+    values = {field.key: field.value or TYPED.get(field.key, "") for part in form for field in part.fields}
+    answer = api.http.post(f"/v1/axes/axis/recordings/{number}/import", json={"map": filled_map(form, values)})
+    assert answer.status_code == 202, answer.text
+    assert wait_for(api, answer.json()["id"], "done")["result"]["windows_posted"] == 4
+
+
+@pytest.mark.parametrize("make", [csv, drive_csv])
+def test_the_map_of_a_form_that_nobody_touched_is_the_proposal(tmp_path: Path, make: Any) -> None:
+    make(tmp_path / "run.csv")
     read = read_as_proposed(tmp_path / "run.csv", "csv")
     proposed = proposed_map(read.channels, read.layout)
     form = map_fields(proposed)

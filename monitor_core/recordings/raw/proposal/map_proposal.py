@@ -158,6 +158,8 @@ def _response_lines(signals: Signals, parts: Sequence[Part]) -> Iterator[MapEntr
         yield missing("lead_mm", "way of the table for a turn of the motor")
     else:
         yield from others
+    if signals.answers is ResponseQuantity.DISPLACEMENT and signals.excited is ExcitationQuantity.TORQUE:
+        yield "for preload explain (family motion) a table [motion] with position and torque, in place of these two"
     if signals.motor is not None:
         yield (
             f'or quantity = "relative-displacement" with a table [response.motor], its channel = '
