@@ -101,7 +101,7 @@ ROWS: dict[str, Row] = {
 }
 #: Rows whose axes have had three sisters for as many days before.
 WITH_SISTERS = ("shop, conditions stated", "hourly 0.95, 5 a day", "medium, normal, thermometer")
-DAYS_OF_SISTERS = 60
+DAYS_OF_SISTERS, SISTERS = 60, ", sisters"
 
 
 def lent(row: str, rng: np.random.Generator) -> Prior:
@@ -179,16 +179,14 @@ def main(arguments: list[str]) -> None:
         return
     n_axes, seed = (int(a) for a in (arguments + ["200", "1"][len(arguments) :])[:2])
     print("                                       healthy, ± 95 %   with a loss of 13 %: by session 20, median")
-    for row in arguments[2:] or ROWS:
-        for sisters in (False, True) if row in WITH_SISTERS else (False,):
-            healthy, falling = (
-                np.array([said_at(row, loss, seed, axis, sisters=sisters) for axis in range(n_axes)])
-                for loss in (0.0, LOSS)
-            )
-            false, said = np.mean(np.isfinite(healthy)), np.mean(falling <= N_SESSIONS)
-            half = 1.96 * math.sqrt(max(false * (1.0 - false), 1.0 / n_axes) / n_axes)
-            name = f"{row}, sisters" if sisters else row
-            print(f"{name:40s}{false:6.1%} ± {half:.1%}   {said:6.1%}  {np.median(falling):4.0f}", flush=True)
+    for row in arguments[2:] or [*ROWS, *(row + SISTERS for row in WITH_SISTERS)]:
+        drawn = partial(said_at, row.removesuffix(SISTERS), sisters=row.endswith(SISTERS))
+        healthy, falling = (
+            np.array([drawn(loss=loss, seed=seed, axis=axis) for axis in range(n_axes)]) for loss in (0.0, LOSS)
+        )
+        false, said = np.mean(np.isfinite(healthy)), np.mean(falling <= N_SESSIONS)
+        half = 1.96 * math.sqrt(max(false * (1.0 - false), 1.0 / n_axes) / n_axes)
+        print(f"{row:40s}{false:6.1%} ± {half:.1%}   {said:6.1%}  {np.median(falling):4.0f}", flush=True)
 
 
 if __name__ == "__main__":
