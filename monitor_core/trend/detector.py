@@ -24,7 +24,7 @@ from monitor_core.trend.charts import (
     winsorise,
 )
 from monitor_core.trend.lasting_loss import Beginnings, weigh, without_loss
-from monitor_core.trend.learning import EVIDENCE_LIMIT, weigh_fall
+from monitor_core.trend.learning import EVIDENCE_LIMIT, is_covered, weigh_fall
 from monitor_core.trend.observation import Observation, Session, first_of
 from monitor_core.trend.state import (
     Chart,
@@ -110,7 +110,7 @@ def _emptied(state: DetectorState) -> DetectorState:
     """Return a state of the same life that has learnt nothing yet."""
     return DetectorState(
         last_at=state.last_at, first_at=state.first_at, n_sessions=state.n_sessions, prior=state.prior,
-        contradicted=state.contradicted,
+        contradicted=state.contradicted, covered=state.covered,
     )  # fmt: skip
 
 
@@ -239,7 +239,8 @@ def _learn(state: DetectorState, session: Session, design: DetectorDesign) -> De
     if learnt is None:
         return replace(state, status=status, since=since)
     return replace(
-        _emptied(state), status=status, since=since, contradicted=contradicted, learnt=learnt, known=learnt
+        _emptied(state), status=status, since=since, contradicted=contradicted, learnt=learnt, known=learnt,
+        covered=is_covered(collected, state.prior or Prior(), towards_loss=_sign(design)),
     )  # fmt: skip
 
 

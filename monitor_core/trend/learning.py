@@ -21,7 +21,7 @@ It is the rate of axes that depend as the weights of the structures say; the ben
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -107,6 +107,16 @@ def weigh_fall(sessions: Sequence[Session], prior: Prior, *, towards_loss: float
     level = values[0] + towards_loss * float(weight @ ((gram[:, 0, 2] - gram[:, 0, 1] * slope) / of_level))
     lost = Estimate(towards_loss * mean * degrees, math.sqrt(variance) * degrees, degrees - 1.0)
     return Fall(log_evidence, sessions[0].started_at, level, lost)
+
+
+def is_covered(sessions: Sequence[Session], prior: Prior, *, towards_loss: float) -> bool:
+    """Tell whether sessions that are not said to fall would be, had nobody stated temperature, friction, lubrication.
+
+    These may explain the fall, or hide a loss that went with them: that is not known, unless sisters tell what they do.
+    """
+    bare = [replace(session, temperature=None, friction_torque=None, lubricated=False) for session in sessions]
+    fall = weigh_fall(bare, prior, towards_loss=towards_loss) if prior.n_sisters == 0 else None
+    return fall is not None and fall.log_evidence > EVIDENCE_LIMIT
 
 
 def _covariance(sessions: Sequence[Session], values: FloatArray, days: FloatArray, spread: FloatArray) -> FloatArray:

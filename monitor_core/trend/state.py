@@ -113,6 +113,7 @@ class DetectorState:
     learning: tuple[Session, ...] = ()  # the baseline as far as it is collected
     prior: Prior | None = None  # what sisters lend
     contradicted: bool = False  # by the axis' own first sessions: nothing lent is used
+    covered: bool = False  # by temperature or friction, which went with it: a fall while the baseline was learnt
     learnt: Belief | None = None
     known: Belief | None = None
     beginnings: Beginnings = field(default_factory=Beginnings)

@@ -74,6 +74,10 @@ class FalseAlarmsView(_View):
     sentence: str
 
 
+#: What a baseline has not seen that was learnt while the preload fell, as temperature or friction may do.
+_COVERED = "a preload that stays: it fell while it was learnt, and temperature or friction changed with it"
+
+
 def baseline_view(state: DetectorState, calibration: Calibration) -> BaselineView | None:
     """Say what is normal; None while it is learnt."""
     baseline, prior = state.baseline, state.prior
@@ -94,7 +98,7 @@ def baseline_view(state: DetectorState, calibration: Calibration) -> BaselineVie
         autocorrelation=baseline.autocorrelation,
         started_at=baseline.started_at,
         ended_at=baseline.ended_at,
-        not_seen=tuple(baseline.not_seen),
+        not_seen=(*baseline.not_seen, *([_COVERED] if state.covered else [])),
         looks_lubricated_at=baseline.lubricated_at,
         sisters=lent,
     )

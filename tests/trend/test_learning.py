@@ -136,13 +136,19 @@ def test_interval_of_the_loss_covers_it(rho):
     assert covered >= stats.binom.ppf(0.001, n_axes, 0.95)
 
 
-def test_a_fall_that_the_temperature_explains_is_none():
+def test_a_fall_that_the_temperature_explains_is_none_and_the_state_says_that_it_may_hide_a_loss():
     rng = np.random.default_rng(7)
     temperatures = 20.0 + 6.0 * np.arange(N_SESSIONS) / (N_SESSIONS - 1) + 0.8 * rng.standard_normal(N_SESSIONS)
     values = 100.0 - 3.0 * (temperatures - 20.0) + 2.0 * rng.standard_normal(N_SESSIONS)
     untold = weigh_fall(sessions_of(values), Prior(), towards_loss=-1.0)
     told = weigh_fall(sessions_of(values, temperatures.tolist()), Prior(), towards_loss=-1.0)
     assert untold.log_evidence > EVIDENCE_LIMIT > 0.5 > told.log_evidence
+    learnt = run(values, temperatures=temperatures.tolist())[-1]
+    assert learnt.baseline is not None
+    assert learnt.covered
+    steady = run(values + 3.0 * (temperatures - 20.0), temperatures=temperatures.tolist())[-1]
+    assert steady.baseline is not None
+    assert not steady.covered
 
 
 def test_a_session_that_says_itself_that_it_is_worth_little_says_little():
