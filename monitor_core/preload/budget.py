@@ -225,10 +225,11 @@ def _payload(
     largest = calibration.payload.upper - calibration.reference_payload
     if conditions.payload_mass is None:
         # the residue is a reciprocal mass: its logarithm falls as that of 1/f² rises
-        if not (mu or of_days or calibration.payload_stated):
-            return 0.0, None  # nor was it for the readings: their scatter has what it does
-        if mass is not None:
+        varies = of_days or calibration.payload_stated
+        if mass is not None and (mu > 0.0 or varies):
             return math.hypot(mass.logarithm, mass.standard_uncertainty), 0.0
+        if not (mu * largest or varies):
+            return 0.0, None  # nor was it for the readings: their scatter has what it does
         return (mu * largest or UNSTATED_PAYLOAD) / math.sqrt(3.0), 0.0
     beyond = max(conditions.payload_mass - calibration.payload.upper, 0.0)
     if mu == 0.0 or INVERSE_MOVING_MASS in calibration.declared or largest == 0.0:

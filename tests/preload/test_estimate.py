@@ -224,6 +224,26 @@ def test_declared_moving_mass_corrects_a_payload_and_widens() -> None:
     ) == pytest.approx(of_feature, rel=1e-6)
 
 
+def test_a_payload_that_was_stated_once_and_is_not_now_is_covered_up_to_a_twentieth_of_what_moves() -> None:
+    rng = np.random.default_rng(35)
+    empty = calibration_of(rng, own=0.005, between=0.02, influences=((0.0, None),))
+    never = calibration_of(rng, own=0.005, between=0.02)
+    covered, narrower = [], []
+    for payload in rng.uniform(0.0, 0.05 * 23.864, 300):
+        measured = true_frequency(0.5, 150.0, payload) + rng.normal(0.0, 0.02)
+        answer = estimated(measured, Conditions(0.5), empty)
+        covered.append(answer.interval.covers(150.0))
+        assert [better.quantities for better in answer.if_stated] == [("payload",)]
+        narrower.append(answer.if_stated[0].interval.upper)
+    # uniform: at most √3 of its standard uncertainty off
+    assert np.mean(covered) >= stats.binom.ppf(0.001, 300, 0.95) / 300
+    stated = estimated(true_frequency(0.5, 150.0), Conditions(0.5, 0.0), empty)
+    assert stated.if_stated == ()
+    assert min(narrower) < stated.interval.upper * 1.05
+    # nobody ever stated one: what it does is in the scatter of the readings
+    assert estimated(true_frequency(0.5, 150.0), Conditions(0.5), never).shares.payload == 0.0
+
+
 def test_nothing_systematic_between_equal_conditions() -> None:
     # a feature of 300 N is 3e-6 s²; what is left is the rounding of a mean
     assert systematic_uncertainty_between(4e-6, Conditions(0.4), [Conditions(0.4)] * 3, ONE) < 1e-18
