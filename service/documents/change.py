@@ -21,21 +21,25 @@ if TYPE_CHECKING:
 class NotExamined(StrEnum):
     """Why the cause of an alarm was not examined."""
 
+    NO_BASELINE = "no-baseline"
     NO_DRIVE_MODEL = "no-drive-model"
     TOO_FEW_POSITIONS = "too-few-places"
     REFUSED = "refused"
 
 
 _SENTENCES = {
+    NotExamined.NO_BASELINE: "cause not examined: there is no baseline yet to compare with",
     NotExamined.NO_DRIVE_MODEL: "cause not examined: the axis has no drive model",
     NotExamined.TOO_FEW_POSITIONS: "cause not examined yet: it takes measurements at three positions since the onset",
 }
 
 
-def not_examined_yet(configuration: JsonObject) -> JsonObject:
+def not_examined_yet(configuration: JsonObject, *, has_baseline: bool) -> JsonObject:
     """Return what an alarm says when it is raised on an axis of this configuration."""
     has_model = configuration.get("drive_model") is not None
     reason = NotExamined.TOO_FEW_POSITIONS if has_model else NotExamined.NO_DRIVE_MODEL
+    if not has_baseline:
+        reason = NotExamined.NO_BASELINE
     return {"examined": False, "reason": str(reason), "sentence": _SENTENCES[reason], "recent": None}
 
 

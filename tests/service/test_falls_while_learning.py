@@ -47,6 +47,7 @@ def test_it_is_said_until_somebody_has_looked_and_nothing_of_it_is_learnt(
     (alarm,) = falling.http.get("/v1/alarms", params={"axis": "mill"}).json()["alarms"]
     evidence = alarm["evidence"]
     assert (alarm["kind"], evidence["chart"], evidence["onset"]) == ("preload-loss", "trend", "2026-03-02T06:00:00Z")
+    assert alarm["explanation"]["reason"] == "no-baseline"
     # the true loss on the day that raised it, within what is said
     assert points[n_before]["at"] == evidence["at"]
     lower, upper = evidence["loss_interval_95_percent"]

@@ -96,7 +96,8 @@ def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised, reason
     row = AlarmRow(
         axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, raised_at=at, epoch=epoch,
         measured_at=point.at, status=alarms.ACTIVE, evidence=alarm_evidence(point, alarm.state, alarm.calibration),
-        explanation=not_examined_yet(axis.configuration), shelved_until=None,
+        explanation=not_examined_yet(axis.configuration, has_baseline=alarm.state.detector.known is not None),
+        shelved_until=None,
     )  # fmt: skip
     session.add(row)
     session.flush()
