@@ -28,6 +28,8 @@ def median_misfit(spectra: BandSpectra, taper: Taper) -> tuple[FloatArray, Float
     return residual, response
 
 
+#: Of the mean power of the lines: what single precision leaves of a line that was not driven lies below.
+_LEAST_POWER = 1e-14
 Estimator = Literal["H1", "H2", "Hv"]
 
 
@@ -94,15 +96,18 @@ def estimate_frf(cross: CrossSpectra, *, estimator: Estimator = "H1", quantity: 
     [1]_, sections 6.1 and 9.2. :math:`H_1` is unbiased under noise on the response, :math:`H_2` under noise on the
     excitation, :math:`H_v` (total least squares, both noises alike after scaling) lies between them. The quantity says
     what the ratio is, e.g. ``"torque_accelerance"``. Of a single average the coherence is ``None``: it is 1 whatever
-    the data and must not be judged. ``OutsideValidityError`` if a channel has no power at all at a line.
+    the data and must not be judged. A line at which a channel has no power but its rounding, as between those of
+    a commanded multisine, says nothing and is left out. ``OutsideValidityError`` if all are so.
 
     References
     ----------
     .. [1] J. S. Bendat, A. G. Piersol, Random Data, 4th ed., Wiley, 2010.
     """
-    sxx, syy, sxy = cross.excitation_power, cross.response_power, cross.cross_power
-    if not (np.all(sxx > 0.0) and np.all(np.abs(sxy) > 0.0)):
-        raise OutsideValidityError("both channels must have power at every line of the band; got a line without")
+    sxx, sxy = cross.excitation_power, cross.cross_power
+    has_power = (sxx > _LEAST_POWER * np.mean(sxx)) & (np.abs(sxy) > 0.0)
+    if not has_power.any():
+        raise OutsideValidityError("both channels must have power at a line of the band; got none")
+    sxx, syy, sxy = sxx[has_power], cross.response_power[has_power], sxy[has_power]
     match estimator:
         case "H1":
             response = sxy / sxx
@@ -115,7 +120,7 @@ def estimate_frf(cross: CrossSpectra, *, estimator: Estimator = "H1", quantity: 
     judged = cross.n_averages > 1.0
     # Schwarz holds up to rounding; a coherence of 1 + 1e-16 would make square roots of 1 − γ² fail.
     coherence = np.minimum(np.abs(sxy) ** 2 / (sxx * syy), 1.0) if judged else None
-    return FrequencyResponse(cross.frequency, response, quantity, coherence, cross.n_averages)
+    return FrequencyResponse(cross.frequency[has_power], response, quantity, coherence, cross.n_averages)
 
 
 def least_leaking_taper(spectra: BandSpectra) -> Taper:

@@ -15,6 +15,7 @@ import scipy.io
 from hypothesis import given, settings, strategies as st
 
 from monitor_core.errors import RecordingFormatError
+from monitor_core.pipeline import AxisSettings
 from monitor_core.recording import ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.recordings import check_file
 from monitor_core.recordings.raw.channels import Channel, Channels
@@ -22,6 +23,7 @@ from monitor_core.recordings.raw.mapping.channel_map import parse_channel_map
 from monitor_core.recordings.raw.mapping.imported import import_session
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.raw.proposal.sampling import period_of
+from monitor_core.session import judge_session
 from tests.conftest import PROJECT_ROOT
 
 RATE, LEAD, KT = 2000.0, 0.012, 0.35  # [Hz], [m], [N·m/A]
@@ -48,11 +50,11 @@ def poles():
     return sorted(abs(root) / (2.0 * np.pi) for root in roots if root.imag > 1.0)
 
 
-def drive_log(*, band=(11.0, 300.0), period=2000, n_periods=10, seed=1, noise=0.0):
+def drive_log(*, band=(11.0, 300.0), period=2000, n_periods=10, seed=1, noise=0.0, every=1, of_current=1e-3):
     """Return current [A], angle of the motor [rad] and scale of the table [m] under a multisine, in its rhythm."""
     rng = np.random.default_rng(seed)
     frequency = np.fft.rfftfreq(period, 1.0 / RATE)
-    driven = (frequency >= band[0]) & (frequency <= band[1])
+    driven = (frequency >= band[0]) & (frequency <= band[1]) & (np.arange(frequency.size) % every == every // 2)
     current = np.where(driven, np.exp(2j * np.pi * rng.uniform(size=frequency.size)), 0.0)
     mass, stiffness = chain()
     motor, table = np.zeros((2, frequency.size), dtype=complex)
@@ -65,7 +67,7 @@ def drive_log(*, band=(11.0, 300.0), period=2000, n_periods=10, seed=1, noise=0.
     scale = 10.0 / np.std(signals[0])
     current, motor, table = (scale * values for values in signals)
     table = table + noise * rng.normal(size=table.size)
-    current = current + 1e-3 * rng.normal(size=current.size)  # of its measurement
+    current = current + of_current * rng.normal(size=current.size)  # of its measurement
     return current, motor * 2.0 * np.pi / LEAD, table
 
 
@@ -385,6 +387,17 @@ def test_the_two_modes_of_a_log_come_from_the_file_in_two_commands(preload, tmp_
     assert not found["refused"]
     assert abs(found["frequency_hz"] - truth) < 3.0 * stated + 0.01
     assert abs(found["frequency_hz"] - truth) < (0.3, 3.0)[number]
+
+
+@pytest.mark.parametrize(("every", "precision"), [(1, np.float64), (2, np.float64), (2, np.float32)])
+def test_a_commanded_multisine_holds_nothing_between_its_lines_and_still_shows_the_mode(tmp_path, every, precision):
+    """What was commanded has no noise: between its lines, and above its band, it is zero but for rounding."""
+    commanded, _, table = drive_log(n_periods=20, noise=2e-9, every=every, of_current=0.0)
+    raw = saved(tmp_path / "log.npz", i=commanded.astype(precision), x=np.round(1e9 * table))
+    text = MAP.replace('"current", source = "drive", unit = "A"', '"acceleration", source = "commanded", unit = "m/s2"')
+    (measured,) = judge_session(imported(raw, text).session, AxisSettings())
+    frequency = measured.outcome.modal.mode.frequency
+    assert abs(frequency.value - poles()[0]) < 3.0 * frequency.standard_uncertainty + 0.01
 
 
 def test_the_commands_of_the_page_lead_to_its_numbers(preload, tmp_path, monkeypatch):
