@@ -201,6 +201,9 @@ CHANGES: dict[str, tuple[str, Callable[[FloatArray], FloatArray]]] = {
     "2 σ step in the shop": ("shop", lambda day: 2.0 * (day >= 0)),
     "wear 0.15 σ a day in the shop": ("shop", lambda day: 0.15 * np.maximum(day + 1.0, 0.0)),
     "2 σ step in the shop, stated": ("shop as above, stated", lambda day: 2.0 * (day >= 0)),
+    # of 300 N, whose sessions scatter by 1 %
+    "wear 0.5 N a day": ("independent", lambda day: np.maximum(day + 1.0, 0.0) * 0.5 / 3.0),
+    "wear 0.5 N a day in the shop": ("shop", lambda day: np.maximum(day + 1.0, 0.0) * 0.5 / 3.0),
 }
 
 

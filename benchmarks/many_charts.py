@@ -30,6 +30,9 @@ DAY = 86400.0
 TAKES, YEAR = SESSION.total_seconds(), b.YEAR.total_seconds()
 SESSION_KEYS = ("start", "count", "value", "squares", "temperature", "friction", "lubricated")
 MOST_LEARNT = 64  # sessions before a baseline
+#: A session that is not whole can alarm by :data:`monitor_core.trend.detector.SUDDEN_LIMIT` only, and is looked at only
+#: where it is off by so much of the scatter: less is no five standard deviations, whatever the days before say.
+SUSPICIOUS = 1.5
 
 
 def of(rows: Rows, which: Array) -> Rows:
@@ -264,6 +267,7 @@ class ManyCharts:
         self.n_collected = np.zeros(n, dtype=int)
         self.learnt = begun(self.session, np.ones(n))
         self.known = begun(self.session, np.ones(n))
+        self.seen, self.expected = np.zeros(n, dtype=bool), zeros.copy()  # as it stands, and of the session
         self.apart = np.zeros(n, dtype=bool)  # whether what is known differs from what is learnt
         self.beginnings = no_beginnings(n)
         self.weighed: tuple[Any, ...] | None = None  # the sessions that are going on
@@ -295,8 +299,13 @@ class ManyCharts:
         self.going_on[:] = True
         self._learn(np.flatnonzero(~self.watching))
         watched = np.flatnonzero(self.watching & self.going_on & ~alarmed)
-        if watched.size:
-            alarmed[watched] = self._watch(watched)
+        loss = self.sign * (session["value"][watched] - self.expected[watched])
+        looked = (
+            (session["count"][watched] == 1.0) | self._is_whole(watched) | (loss > SUSPICIOUS * self.scatter[watched])
+        )
+        self.seen[watched] = looked
+        if looked.any():
+            alarmed[watched[looked]] = self._watch(watched[looked])
         self._clear(np.flatnonzero(alarmed))
         return alarmed
 
@@ -331,6 +340,9 @@ class ManyCharts:
         return alarmed[which]
 
     def _close_watched(self, which: Array) -> Array:
+        late = which[~self.seen[which]]
+        if late.size:
+            assert not self._watch(late).any()
         session, known, limits = of(self.session, which), of(self.known, which), self._limits(which)
         whole = self._is_whole(which)
         if self.weighed is not None and np.isin(which[whole], self.weighed[0]).all() and whole.all():
@@ -431,6 +443,7 @@ class ManyCharts:
         }  # fmt: skip
         alarms, _, judged = _judged(charts, evidence, session, limits)
         sudden = (charts["beyond"] > 0.0) & (session["count"] > 1.0) & (residual > d.SUDDEN_LIMIT)
+        self.expected[which] = session["value"] - predicted["difference"]
         put(self.charts, which, {name: np.where(whole, judged[name], charts[name]) for name in charts})
         return np.asarray(sudden | (whole & alarms))
 
