@@ -8,7 +8,7 @@ that are known at times. An alarm is cleared as soon as it is raised. Times are 
 """
 
 import math
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,8 @@ from scipy import special
 from monitor_core.trend import DetectorDesign, LossDirection, Prior, belief as b, detector as d
 from monitor_core.trend.charts import EWMA_WEIGHT, SESSIONS_PER_YEAR, SHEWHART_CONSECUTIVE
 from monitor_core.trend.lasting_loss import KEPT, LARGEST_WORD, STEP
-from monitor_core.trend.observation import SESSION
+from monitor_core.trend.learning import EVIDENCE_LIMIT, weigh_fall
+from monitor_core.trend.observation import SESSION, Session
 
 Array = npt.NDArray[Any]
 Rows = dict[str, Array]  # of each axis
@@ -28,8 +29,8 @@ SHARE = np.array([structure.share for structure in b.STRUCTURES])
 N, SIZE, SLOTS = len(b.STRUCTURES), b.N_COEFFICIENTS + 1, KEPT + 1
 DAY = 86400.0
 TAKES, YEAR = SESSION.total_seconds(), b.YEAR.total_seconds()
+BEGIN = datetime(2026, 1, 1, tzinfo=UTC)  # of the seconds
 SESSION_KEYS = ("start", "count", "value", "squares", "temperature", "friction", "lubricated")
-MOST_LEARNT = 64  # sessions before a baseline
 #: A session that is not whole can alarm by :data:`monitor_core.trend.detector.SUDDEN_LIMIT` only, and is looked at only
 #: where it is off by so much of the scatter: less is no five standard deviations, whatever the days before say.
 SUSPICIOUS = 1.5
@@ -252,6 +253,15 @@ def without_loss(belief: Rows, beginnings: Rows, onset: Array, sign: float) -> R
     }
 
 
+def _row_of(session: Session) -> Rows:
+    known = {
+        "start": (session.started_at - BEGIN).total_seconds(), "count": session.count, "value": session.value,
+        "squares": session.squares, "temperature": session.temperature, "friction": session.friction_torque,
+        "lubricated": session.lubricated,
+    }  # fmt: skip
+    return {name: np.array([value], dtype=np.float64) for name, value in known.items()}
+
+
 class ManyCharts:
     """The state of the detectors of many axes, all measured at the same moments."""
 
@@ -263,8 +273,7 @@ class ManyCharts:
         self.session: Rows = {name: zeros.copy() for name in SESSION_KEYS}
         self.going_on, self.watching, self.has_learnt = (np.zeros(n, dtype=bool) for _ in range(3))
         self.first_at, self.n_sessions, self.scatter = np.full(n, np.nan), zeros.copy(), zeros.copy()
-        self.collected: Rows = {name: np.zeros((n, MOST_LEARNT)) for name in SESSION_KEYS}
-        self.n_collected = np.zeros(n, dtype=int)
+        self.collected: list[list[Session]] = [[] for _ in range(n)]
         self.learnt = begun(self.session, np.ones(n))
         self.known = begun(self.session, np.ones(n))
         self.seen, self.expected = np.zeros(n, dtype=bool), zeros.copy()  # as it stands, and of the session
@@ -297,7 +306,8 @@ class ManyCharts:
         session["temperature"] += (temperature - session["temperature"]) / session["count"]
         session["friction"] += (friction - session["friction"]) / session["count"]
         self.going_on[:] = True
-        self._learn(np.flatnonzero(~self.watching))
+        for axis in np.flatnonzero(~self.watching & ~alarmed).tolist():
+            alarmed[axis] = self._learn(axis)
         watched = np.flatnonzero(self.watching & self.going_on & ~alarmed)
         loss = self.sign * (session["value"][watched] - self.expected[watched])
         looked = (
@@ -311,7 +321,8 @@ class ManyCharts:
 
     def _clear(self, which: Array) -> None:
         self.watching[which] = self.going_on[which] = False
-        self.n_collected[which] = 0
+        for axis in which.tolist():
+            self.collected[axis] = []
 
     def _limits(self, which: Array) -> Rows:
         """Return the limits at the pace of each axis (``DetectorState.of``)."""
@@ -332,9 +343,8 @@ class ManyCharts:
         """Close the sessions that are over (``detector._closed``)."""
         alarmed = np.zeros(self.n, dtype=bool)
         learning, which_watched = which[~self.watching[which]], which[self.watching[which]]
-        for name in SESSION_KEYS:
-            self.collected[name][learning, self.n_collected[learning]] = self.session[name][learning]
-        self.n_collected[learning] += 1
+        for axis in learning.tolist():
+            self.collected[axis].append(self._session_of(axis))
         if which_watched.size:
             alarmed[which_watched] = self._close_watched(which_watched)
         return alarmed[which]
@@ -379,38 +389,47 @@ class ManyCharts:
         self.scatter[which] = np.sqrt(variance_of(after))
         return alarms
 
-    def _learn(self, which: Array) -> None:
-        """Learn the baseline where there is enough for one (``detector._learn``)."""
-        settings = self.design.settings
-        spans = (self.session["start"] - np.where(self.n_collected > 0, self.collected["start"][:, 0], np.nan)) / DAY
-        first = (self.n_collected + 1 >= settings.baseline_size) & (spans >= settings.baseline_span / timedelta(days=1))
-        ready = np.where(self.has_learnt, self.n_collected + 1 >= d.LEVEL_SIZE, first)
-        for axis in which[ready[which]].tolist():
-            alone = np.array([axis])
-            for name in SESSION_KEYS:
-                self.collected[name][axis, self.n_collected[axis]] = self.session[name][axis]
-            sessions = [
-                {name: self.collected[name][alone, i] for name in SESSION_KEYS}
-                for i in range(self.n_collected[axis] + 1)
-            ]
-            if self.has_learnt[axis]:
-                belief = of(self.learnt, alone)
-                belief["covariance"][..., 0, 0] += b._OPEN**2
-            else:
-                values = np.array([session["value"][0] for session in sessions])
-                deviation = np.median(np.abs(values - np.median(values))) / special.ndtri(0.75)
-                belief = begun(sessions[0], np.array([deviation**2]))
-            for session in sessions:
-                belief = learn(belief, predict(belief, session), session)
-            for kept in (self.learnt, self.known):
-                put(kept, alone, belief)
-            self.scatter[axis] = math.sqrt(variance_of(belief)[0])
-            put(self.beginnings, alone, no_beginnings(1))
-            self.apart[axis] = False
-            for charts in (self.before, self.charts):
-                put(charts, alone, {name: np.zeros(1) for name in charts})
-            self._clear(alone)
-            self.watching[axis] = self.has_learnt[axis] = True
+    def _session_of(self, axis: int) -> Session:
+        session = {name: float(values[axis]) for name, values in self.session.items()}
+        at = BEGIN + timedelta(seconds=session["start"])
+        temperature, friction = (
+            None if math.isnan(session[name]) else session[name] for name in ("temperature", "friction")
+        )
+        return Session(
+            at, at, int(session["count"]), session["value"], session["squares"], temperature=temperature,
+            friction_torque=friction, lubricated=session["lubricated"] > 0.0,
+        )  # fmt: skip
+
+    def _learn(self, axis: int) -> bool:
+        """Learn the baseline if there is enough for one, and say whether it falls instead (``detector._learn``)."""
+        settings, sessions = self.design.settings, [*self.collected[axis], self._session_of(axis)]
+        fall = weigh_fall(sessions, Prior(), towards_loss=self.sign)
+        if fall is not None and fall.log_evidence > EVIDENCE_LIMIT:
+            return True
+        span = sessions[-1].started_at - sessions[0].started_at
+        enough = len(sessions) >= settings.baseline_size and span >= settings.baseline_span
+        if not (len(sessions) >= d.LEVEL_SIZE if self.has_learnt[axis] else enough):
+            return False
+        alone, rows = np.array([axis]), [_row_of(session) for session in sessions]
+        if self.has_learnt[axis]:
+            belief = of(self.learnt, alone)
+            belief["covariance"][..., 0, 0] += b._OPEN**2
+        else:
+            values = np.array([session.value for session in sessions])
+            deviation = np.median(np.abs(values - np.median(values))) / special.ndtri(0.75)
+            belief = begun(rows[0], np.array([deviation**2]))
+        for row in rows:
+            belief = learn(belief, predict(belief, row), row)
+        for kept in (self.learnt, self.known):
+            put(kept, alone, belief)
+        self.scatter[axis] = math.sqrt(variance_of(belief)[0])
+        put(self.beginnings, alone, no_beginnings(1))
+        self.apart[axis] = False
+        for charts in (self.before, self.charts):
+            put(charts, alone, {name: np.zeros(1) for name in charts})
+        self._clear(alone)
+        self.watching[axis] = self.has_learnt[axis] = True
+        return False
 
     def _watch(self, which: Array) -> Array:
         """Judge the sessions as far as they have come (``detector._watch``)."""
