@@ -262,7 +262,7 @@ def _duration(windows: Sequence[Window]) -> StatedTwice | None:
 
 
 def _go_on(window: Window, after: Window) -> bool:
-    """Tell whether a window repeats the samples of the first before from its start on, as overlapping windows do."""
+    """Tell whether a window repeats the samples of the one before from its start on, as overlapping windows do."""
     start = round((after.started_at - window.started_at).total_seconds() * window.sample_rate)
     part = slice(start, start + 16)  # of both channels: a scale at rest is like itself
     pairs = ((window.response, after.response), (window.excitation, after.excitation))

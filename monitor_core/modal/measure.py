@@ -115,6 +115,7 @@ def measure_mode(
     coherence = mode_coherence(answer.frf, mode)
     if (refusal := judge_fit(fit, coherence, answer.frf.n_averages, band=band, gate=gate, phase=phase)) is not None:
         return refusal
+    mode, distorted = _with_distortion(fit)
     used = [window for window, keep in zip(windows, answer.kept, strict=True) if keep]
     conditions, mixed = _mean_conditions(used)
     return ModalMeasurement(
@@ -123,7 +124,7 @@ def measure_mode(
         n_averages=answer.frf.n_averages,
         n_modes=len(fit.modes),
         tones=fit.tones,
-        warnings=(*answer.warnings, *moved, *_warnings(coherence, gate, phase), *mixed),
+        warnings=(*answer.warnings, *moved, *distorted, *_warnings(coherence, gate, phase), *mixed),
         refused_windows=answer.refused,
         frequency_response=_within(answer.frf, lines),
         conditions=conditions,
@@ -321,6 +322,24 @@ def _without(fit: ModeFit, noisy: Contamination, windows: Sequence[Window]) -> t
     return replace(fit, modes=(replace(mode, frequency=without), *fit.modes[1:])), (detail,)
 
 
+def _with_distortion(fit: ModeFit) -> tuple[ModalParameters, tuple[str, ...]]:
+    """Add to the uncertainty of the first mode what its windows, all of one excitation, are distorted by alike.
+
+    Behind the gates: more windows would not bring it down.
+    """
+    mode, frequency = fit.modes[0], fit.modes[0].frequency
+    uncertainty = math.hypot(frequency.standard_uncertainty, fit.distortion)
+    if uncertainty < _SAID_DISTORTION * frequency.standard_uncertainty:
+        return mode, ()
+    detail = (
+        f"all windows repeat one excitation, and with it what distorts the response, as friction does: {fit.distortion:.2g}"
+        " Hz joins the uncertainty"
+    )
+    return replace(mode, frequency=replace(frequency, standard_uncertainty=uncertainty)), (detail,)
+
+
+#: A distortion that widens the uncertainty by less is neither added nor said.
+_SAID_DISTORTION = 1.05
 #: Of the noise around a mode, what stays where noise on the excitation seems to explain all of it.
 _LEAST_UNEXPLAINED = 0.1
 

@@ -75,6 +75,17 @@ class FitLines:
         """Distance of two lines in hertz."""
         return self.sample_rate / self.n_samples
 
+    @property
+    def repeats(self) -> bool:
+        """Whether all windows have one excitation, as periods of a periodic one: then errors of the model repeat too."""
+        common = self.excitation.mean(axis=0)
+        power = float(np.vdot(self.excitation, self.excitation).real) / self.n_windows
+        return self.n_windows > 1 and float(np.vdot(common, common).real) > _REPEATED * power
+
+
+#: Windows that have this share of the power of their excitation in common have one excitation [-].
+_REPEATED = 0.9
+
 
 @dataclass(frozen=True, slots=True)
 class ModelOrder:

@@ -27,6 +27,20 @@ def formal_covariance(solution: Solution) -> FloatArray:
     return covariance
 
 
+def _shared(lines: FitLines, solution: Solution) -> float:
+    """Return by what the variance of the mean residual exceeds that of independent windows, 0 at least.
+
+    Windows of one excitation share what distorts their response (friction, play), and n of them know the mode no better
+    than one does. Their own scatter does not show it (Pintelon & Schoukens, System Identification, 2nd ed., chapter 4).
+    """
+    if not lines.repeats:
+        return 0.0
+    residual = solution.projection.residual
+    common = residual.mean(axis=0)
+    power = float(np.vdot(residual, residual).real) / lines.n_windows
+    return max(0.0, lines.n_windows * float(np.vdot(common, common).real) / power - 1.0)
+
+
 def between_window_covariance(solution: Solution) -> FloatArray | None:
     r"""Return the covariance that the scatter of the windows' pulls implies (sandwich).
 
@@ -85,6 +99,7 @@ class ModeFit:
     weight: FloatArray  # of the lines in the band: one over the noise, 1 at the least noisy [-]
     solution: Solution  # poles and polynomial that explain a window, see window_misfit
     leaves_response: bool  # whether the excitation explains more than one mode does, where no more were asked for
+    distortion: float  # standard uncertainty of the frequency by what windows of one excitation share, or 0 [Hz]
     warnings: tuple[str, ...] = ()
 
     @property
@@ -264,6 +279,7 @@ def _mode_fit(
         band=(float(lines.frequency[0]), float(lines.frequency[-1])),
         weight=lines.weight,
         solution=solution,
+        distortion=math.sqrt(_shared(lines, solution) * float(formal[first][0, 0])),
         leaves_response=maximum_modes < 2 and leaves_response(lines, solution, enough_before=True),
         warnings=warnings,
     )

@@ -67,6 +67,8 @@ def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
     noise of another colour than supposed, and no sine either.
     """
     f, residual = lines.frequency, solution.projection.residual
+    if lines.repeats:  # what distorts the response repeats with the excitation, and is no sine
+        residual = residual - residual.mean(axis=0)
     power = np.sum(np.abs(residual) ** 2, axis=0)
     between = 0.5 * np.sum(np.abs(np.diff(residual, axis=1)) ** 2, axis=0)
     places = np.concatenate([f, 0.5 * (f[:-1] + f[1:])])
@@ -195,8 +197,11 @@ def _with_noise_and_tones(lines: FitLines, solution: Solution) -> tuple[FitLines
         more = minimise(lines, np.append(weighted.parameters, tone), order)
         if more is None or more.bic > weighted.bic:
             break
-        lines = lines.weighted(noise_weight(lines, more))
-        weighted = minimise(lines, more.parameters, order)
+        anew = lines.weighted(noise_weight(lines, more))
+        more = minimise(anew, more.parameters, order)
+        if more is None:  # what was found before stays good
+            break
+        lines, weighted = anew, more
     return None if weighted is None else (lines, weighted)
 
 
