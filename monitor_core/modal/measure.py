@@ -16,6 +16,7 @@ import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.modal.antiresonance import antiresonance_of
 from monitor_core.modal.averaging import AveragedFit, average_and_fit, candidate_peaks, strongest_peaks
 from monitor_core.modal.channels import (
     LOWEST,
@@ -74,6 +75,7 @@ class ModalMeasurement:
     leaves_response: bool = False  # whether the excitation explains more than one mode does, where no more was asked
     friction_torque: float | None = None  # over all motion of the windows; None: no motion, position or torque [N·m]
     trace_polarity: int | None = None  # which way the torque drives the position trace, as of ``CrossChecked``
+    antiresonance: Estimate | None = None  # of motor angle or speed: the frequency with the motor held [Hz]
     rigid_line: Estimate | None = None  # below the mode; None: not seen [unit of the response]
 
 
@@ -139,7 +141,10 @@ def measure_mode(
         random_uncertainty=fit.random_uncertainty,
         noise_level=_noise_level(answer, noisy, spectra),
         leaves_response=fit.leaves_response,
-        rigid_line=rigid_line(every_line, answer.kept, fit.modes, answer.taper),
+        antiresonance=antiresonance_of(fit, spectra.of_windows(answer.kept)) if of_motor(windows[0]) else None,
+        rigid_line=None  # of what is commanded: the table follows, whatever its mass
+        if windows[0].excitation_quantity is ExcitationQuantity.ACCELERATION
+        else rigid_line(every_line, answer.kept, fit.modes, answer.taper),
     )
 
 
@@ -209,12 +214,16 @@ def averaged_response(windows: Sequence[Window], lines: tuple[float, float]) -> 
     return _within(estimate_frf(cross_spectra(spectra, taper=least_leaking_taper(spectra)), quantity=quantity), lines)
 
 
+def of_motor(window: Window) -> bool:
+    """Tell whether the response is the motor's own motion."""
+    return window.response_quantity in (ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_SPEED)
+
+
 def _quantity_of(window: Window) -> str:
     """Name the acceleration per excitation (ISO 7626, ISO 2041)."""
-    of_motor = window.response_quantity in (ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_SPEED)
-    accelerance = "angular_accelerance" if of_motor else "accelerance"
+    accelerance = "angular_accelerance" if of_motor(window) else "accelerance"
     if window.excitation_quantity is ExcitationQuantity.ACCELERATION:
-        return f"{accelerance}_per_acceleration" if of_motor else "transmissibility"
+        return f"{accelerance}_per_acceleration" if of_motor(window) else "transmissibility"
     return (
         accelerance
         if window.excitation_quantity is ExcitationQuantity.FORCE
@@ -332,8 +341,8 @@ def _with_distortion(fit: ModeFit) -> tuple[ModalParameters, tuple[str, ...]]:
     if uncertainty < _SAID_DISTORTION * frequency.standard_uncertainty:
         return mode, ()
     detail = (
-        f"all windows repeat one excitation, and with it what distorts the response, as friction does: {fit.distortion:.2g}"
-        " Hz joins the uncertainty"
+        "all windows repeat one excitation, and with it what distorts the response, as friction does: "
+        f"{fit.distortion:.2g} Hz joins the uncertainty"
     )
     return replace(mode, frequency=replace(frequency, standard_uncertainty=uncertainty)), (detail,)
 

@@ -77,7 +77,7 @@ class FitLines:
 
     @property
     def repeats(self) -> bool:
-        """Whether all windows have one excitation, as periods of a periodic one: then errors of the model repeat too."""
+        """Whether all windows have one excitation, as periods do: then errors of the model repeat too."""
         common = self.excitation.mean(axis=0)
         power = float(np.vdot(self.excitation, self.excitation).real) / self.n_windows
         return self.n_windows > 1 and float(np.vdot(common, common).real) > _REPEATED * power
@@ -214,6 +214,14 @@ def project(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Proje
     columns = forced.columns
     flat -= _solve_gram(forced.gram, columns.conj() @ flat.T).T @ columns
     return Projection(forced.residual, flat.reshape(derivatives.shape), forced.coefficients)
+
+
+def response_coefficients(
+    lines: FitLines, parameters: FloatArray, order: ModelOrder
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return B in the normalised frequency at given poles, and the inverse of the products of its terms."""
+    forced = _solve_response(lines, basis_of(lines, parameters, order))
+    return forced.coefficients, _solve_gram(forced.gram, np.eye(forced.coefficients.size, dtype=np.complex128))
 
 
 def cost_at(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> float:

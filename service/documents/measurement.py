@@ -66,8 +66,16 @@ def members(record: object, *names: str) -> dict[str, object]:
 
 def modal_document(modal: ModalMeasurement) -> JsonObject:
     """Lay out a measured mode; the keys are those of ``preload frf``."""
-    mode = modal.mode
-    return {
+    mode, held = modal.mode, modal.antiresonance
+    of_held: JsonObject = (
+        {}
+        if held is None
+        else {
+            "antiresonance_hz": held.value,
+            "antiresonance_standard_uncertainty_hz": held.standard_uncertainty,
+        }
+    )
+    return of_held | {
         "position_mm": to_millimetres(modal.conditions.position),
         "frequency_hz": mode.frequency.value,
         "frequency_standard_uncertainty_hz": mode.frequency.standard_uncertainty,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy import linalg, signal
 
 FloatArray = NDArray[np.float64]
 
@@ -122,7 +122,9 @@ def run(
     before = int(0.5 * drive.sample_rate)
     steps = before + n_samples
     time = np.arange(steps) / drive.sample_rate
-    commanded = acceleration * rng.normal(size=(n_windows, steps))
+    # without what is slow: twice integrated it would go away
+    high = signal.butter(2, 20.0, "highpass", fs=drive.sample_rate, output="sos")
+    commanded = acceleration * signal.sosfilt(high, rng.normal(size=(n_windows, steps)), axis=1)
     slow = 2.0 * np.pi * rng.uniform(0.2, 0.6, (n_windows, 1))
     phase = rng.uniform(0.0, 2.0 * np.pi, (n_windows, 1))
     travelled = travel * np.sin(slow * time + phase)
