@@ -132,9 +132,9 @@ class Numbers:
 
 
 class Bank(Numbers):
-    r"""Posterior of all structures; variances in units of σ².
+    r"""Posterior of all structures; variances in units of σ². The structures are the last axis of all arrays.
 
-    Of each structure, shape (n_structures, size + 1, size + 1), ``joint`` is
+    Of each structure, shape (size + 1, size + 1, n_structures), ``joint`` is
 
     .. math:: J = \begin{pmatrix} C & m \\ m^\mathsf{T} & -2b \end{pmatrix}
 
@@ -148,58 +148,53 @@ class Bank(Numbers):
     sessions and so is common; ``log_weight``, (n_structures,), the logarithm of the probability of each structure.
     """
 
-    __slots__ = ("joint", "log_weight", "shape")
+    __slots__ = ("joint", "log_weight", "shape", "weight")
 
     def __init__(self, joint: FloatArray, shape: float, log_weight: FloatArray) -> None:
         """Take the arrays as they are."""
         self.joint, self.shape, self.log_weight = joint, shape, log_weight
+        self.weight: FloatArray = np.exp(log_weight)  # probability of each structure
 
     @property
     def mean(self) -> FloatArray:
-        """Of the state, (n_structures, size)."""
-        return self.joint[:, :-1, -1]
+        """Of the state, (size, n_structures)."""
+        return self.joint[-1, :-1]
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the state, (n_structures, size, size)."""
-        return self.joint[:, :-1, :-1]
+        """Of the state, (size, size, n_structures)."""
+        return self.joint[:-1, :-1]
 
     @property
     def rate(self) -> FloatArray:
         """Rate b of the inverse gamma of σ², (n_structures,)."""
-        return np.asarray(-0.5 * self.joint[:, -1, -1])
-
-    @property
-    def weight(self) -> FloatArray:
-        """Probability of each structure."""
-        return np.asarray(np.exp(self.log_weight))
+        return np.asarray(-0.5 * self.joint[-1, -1])
 
     @property
     def variance(self) -> float:
         """Scatter σ² as it is believed now."""
-        return float(self.weight @ self.rate) / self.shape
+        return float(self.weight @ self.joint[-1, -1]) / (-2.0 * self.shape)
 
     def with_covariance(self, added: FloatArray) -> "Bank":
         """Return the same with so much more covariance of the state."""
         joint = self.joint.copy()
-        joint[:, :-1, :-1] += added
+        joint[:-1, :-1] += added
         return Bank(joint, self.shape, self.log_weight)
 
     def numbers(self) -> FloatArray:
         """Return mean, upper triangle of the covariance, a, b and ln weight of each structure."""
-        shape = np.full(len(self.joint), self.shape)
-        upper = self.covariance[:, _UPPER[0], _UPPER[1]]
-        return np.hstack([self.mean, upper, np.column_stack((shape, self.rate, self.log_weight))])
+        of_all = (np.full(len(STRUCTURES), self.shape), self.rate, self.log_weight)
+        return np.vstack((self.mean, self.covariance[_UPPER], *of_all)).T
 
     @classmethod
     def of(cls, numbers: FloatArray) -> "Bank":
         """Return the bank of such numbers, in a row or not."""
-        rows = numbers.reshape(len(STRUCTURES), _SIZE + len(_UPPER[0]) + 3)
-        joint = np.empty((len(STRUCTURES), _SIZE + 1, _SIZE + 1))
-        joint[:, _UPPER[0], _UPPER[1]] = joint[:, _UPPER[1], _UPPER[0]] = rows[:, _SIZE:-3]
-        joint[:, :-1, -1] = joint[:, -1, :-1] = rows[:, :_SIZE]
-        joint[:, -1, -1] = -2.0 * rows[:, -2]
-        return cls(joint, float(rows[0, -3]), rows[:, -1].copy())
+        columns = numbers.reshape(len(STRUCTURES), _SIZE + len(_UPPER[0]) + 3).T
+        joint = np.empty((_SIZE + 1, _SIZE + 1, len(STRUCTURES)))
+        joint[:-1, :-1][_UPPER] = joint[:-1, :-1][_UPPER[::-1]] = columns[_SIZE:-3]
+        joint[:-1, -1] = joint[-1, :-1] = columns[:_SIZE]
+        joint[-1, -1] = -2.0 * columns[-2]
+        return cls(joint, float(columns[-3, 0]), columns[-1].copy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,73 +224,50 @@ class Prediction:
 
     bank: Bank  # at the time of the session
     design: FloatArray  # row x of the session, (size + 1,), the last member 0
-    swept: FloatArray  # u of :class:`Bank`, (n_structures, size + 1)
-    spread: FloatArray  # variance of the value in units of σ², (n_structures,)
+    swept: FloatArray  # u of :class:`Bank`, (size + 1, n_structures)
+    spread: FloatArray  # variance s of the value in units of σ², (n_structures,)
     noise: float  # variance that this session has on top, in units of σ²
-    value: float  # expected
-    weight: FloatArray  # probability of each structure before the session
+    difference: float  # by how much the session is off what was expected of it
     decay: FloatArray  # of the autoregression since the session before, (n_structures,)
     lubricated: bool  # so it was said, or looks: the level is open to it
-
-    @cached_property
-    def scale(self) -> FloatArray:
-        """Scale of Student's t by structure."""
-        return np.asarray(np.sqrt(self._squares / (2.0 * self.bank.shape)))
-
-    @property
-    def error(self) -> FloatArray:
-        """By how much the session is off, by structure."""
-        return np.asarray(-self.swept[:, -1])
-
-    @property
-    def difference(self) -> float:
-        """By how much the session is off what was expected of it."""
-        return -float(self.weight @ self.swept[:, -1])
+    squares: FloatArray  # 2b s, the degrees of freedom times the squared scale, (n_structures,)
+    scale: FloatArray  # of Student's t, (n_structures,)
 
     @property
     def unlearnt(self) -> float:
         """Share of the variance of the prediction that is due to the coefficients, not to the scatter of sessions."""
-        known = slice(0, N_COEFFICIENTS)
-        own = (self.swept[:, known] - self.bank.joint[:, known, N_COEFFICIENTS]) @ self.design[known]
-        return float(self.weight @ np.minimum(np.maximum(own / self.spread, 0.0), 1.0))
-
-    @cached_property
-    def gain(self) -> FloatArray:
-        """What a unit error teaches of the state, and its error, (n_structures, size + 1)."""
-        return np.asarray(self.swept / self.spread[:, None])
-
-    @cached_property
-    def _squares(self) -> FloatArray:
-        """Return 2b s."""
-        return np.asarray(-self.bank.joint[:, -1, -1] * self.spread)
+        of_coefficients = self.swept[:N_COEFFICIENTS] - self.bank.joint[_DEPENDENCE, :N_COEFFICIENTS]
+        share = self.design[:N_COEFFICIENTS] @ of_coefficients / self.spread
+        # more than all where the dependence takes back some of it
+        return float(self.bank.weight @ np.minimum(np.maximum(share, 0.0), 1.0))
 
     @cached_property
     def log_weight(self) -> FloatArray:
         """Logarithm of the weight of each structure once the session is known."""
-        exponent = self.bank.shape + 0.5
-        unexpected = np.log1p(self.swept[:, -1] ** 2 / self._squares)
-        relative = self.bank.log_weight - 0.5 * np.log(self._squares) - exponent * unexpected
+        unexpected = np.log1p(self.swept[-1] ** 2 / self.squares)
+        relative = self.bank.log_weight - 0.5 * np.log(self.squares) - (self.bank.shape + 0.5) * unexpected
         return np.asarray(relative - np.logaddexp.reduce(relative))
 
     def residual(self, moved: float = 0.0) -> float:
         r"""Return the residual as its normal score, :math:`z = \Phi^{-1}(F(y))`, of the value moved by so much."""
-        ratio = (moved - self.swept[:, -1]) / self.scale
+        ratio, weight = (moved - self.swept[-1]) / self.scale, self.bank.weight
+        below = float(weight @ scipy.special.stdtr(2.0 * self.bank.shape, ratio))
+        if below <= 0.5:
+            return float(scipy.special.ndtri(max(below, 1e-300)))
         # the smaller tail has all its digits
-        tail = scipy.special.stdtr(2.0 * self.bank.shape, -np.abs(ratio))
-        rest, negative = 1.0 - tail, ratio < 0.0
-        below = float(self.weight @ np.where(negative, tail, rest))
-        above = float(self.weight @ np.where(negative, rest, tail))
-        score = scipy.special.ndtri(max(min(below, above), 1e-300))
-        return float(score if below < above else -score)
+        above = float(weight @ scipy.special.stdtr(2.0 * self.bank.shape, -ratio))
+        return -float(scipy.special.ndtri(max(above, 1e-300)))
 
 
 def begin(first: Session, prior: Prior, variance: float) -> Belief:
     """Return the belief before anything is learnt of an axis whose first session is given, with a rough variance."""
-    joint = np.zeros((len(STRUCTURES), _SIZE + 1, _SIZE + 1))
-    joint[:, range(N_COEFFICIENTS), range(N_COEFFICIENTS)] = [_OPEN**2, *(d**2 for d in prior.deviations)]
-    joint[:, _DEPENDENCE, _DEPENDENCE] = _SHARE
-    joint[:, 1:N_COEFFICIENTS, -1] = joint[:, -1, 1:N_COEFFICIENTS] = prior.coefficients
-    joint[:, -1, -1] = -prior.degrees_of_freedom * (variance if prior.variance is None else prior.variance)
+    joint = np.zeros((_SIZE + 1, _SIZE + 1, len(STRUCTURES)))
+    for i, deviation in enumerate((_OPEN, *prior.deviations)):
+        joint[i, i] = deviation**2
+    joint[_DEPENDENCE, _DEPENDENCE] = _SHARE
+    for i, coefficient in enumerate(prior.coefficients, start=1):
+        joint[i, -1] = joint[-1, i] = coefficient
+    joint[-1, -1] = -prior.degrees_of_freedom * (variance if prior.variance is None else prior.variance)
     weights = np.array(prior.weights)
     bank = Bank(joint, 0.5 * prior.degrees_of_freedom, np.log(weights / weights.sum()))
     return Belief(first.started_at, first.started_at, first.last_at, first.value, bank)
@@ -303,54 +275,63 @@ def begin(first: Session, prior: Prior, variance: float) -> Belief:
 
 def reopened(belief: Belief) -> Belief:
     """Forget the level, and keep what was learnt of scatter, dependence, season and covariates."""
-    opened = np.zeros((_SIZE, _SIZE))
+    opened = np.zeros((_SIZE, _SIZE, 1))
     opened[0, 0] = _OPEN**2
     return replace(belief, bank=belief.bank.with_covariance(opened))
 
 
 def predict(belief: Belief, session: Session) -> Prediction:
     """Predict a session that is later than all that was learnt."""
-    bank = belief.bank
+    before = belief.bank
     decay = _CORRELATION ** ((session.started_at - belief.last_at) / DAY)
-    joint = bank.joint.copy()
-    joint[:, _DEPENDENCE, :] *= decay[:, None]
-    joint[:, :, _DEPENDENCE] *= decay[:, None]
-    joint[:, _DEPENDENCE, _DEPENDENCE] += _SHARE * (1.0 - decay * decay)
+    joint = before.joint.copy()
+    joint[_DEPENDENCE, _DEPENDENCE] -= _SHARE  # what differs from its long run is forgotten
+    joint[_DEPENDENCE] *= decay
+    joint[:, _DEPENDENCE] *= decay
+    joint[_DEPENDENCE, _DEPENDENCE] += _SHARE
     lubricated = _is_lubricated(belief, session)
     if lubricated:
-        joint[:, 0, 0] += LUBRICATION**2
+        joint[0, 0] += LUBRICATION**2
+    bank = Bank(joint, before.shape, before.log_weight)
 
     design, unknown = _design(belief, session)
-    weight, swept, value = bank.weight, joint @ design, session.value - belief.zero
-    expected = belief.zero + float(weight @ swept[:, -1])
-    swept[:, -1] -= value
-    noise = _noise(belief, float(weight @ joint[:, -1, -1]) / (-2.0 * bank.shape), session)
-    predicted = Bank(joint, bank.shape, bank.log_weight)
-    spread = swept @ design + (_WHITE + noise)
+    swept = applied(design, joint)
+    swept[-1] -= session.value - belief.zero
+    noise = _noise(belief, bank.variance, session)
+    spread = design @ swept + (_WHITE + noise)
     if any(unknown):
-        spread += _of_unknown(predicted, unknown)
-    return Prediction(predicted, design, swept, spread, noise, expected, weight, decay, lubricated)
+        spread += _of_unknown(bank, unknown)
+    squares = -joint[-1, -1] * spread
+    scale = np.sqrt(squares / (2.0 * bank.shape))
+    difference = -float(bank.weight @ swept[-1])
+    return Prediction(bank, design, swept, spread, noise, difference, decay, lubricated, squares, scale)
+
+
+def applied(design: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return the sum over the first axis, weighted by a design."""
+    return np.asarray((design @ rows.reshape(len(design), -1)).reshape(rows.shape[1:]))
 
 
 def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
     """Learn a session, of which no more than :data:`LARGEST_LESSON` standard deviations are believed."""
     bank, lubricated, lesson = prediction.bank, prediction.lubricated, _lesson(prediction)
-    learnt = Bank(bank.joint - lesson[:, :, None] * lesson[:, None, :], bank.shape + 0.5, prediction.log_weight)
-    return replace(
-        belief,
-        last_at=session.started_at,
-        ended_at=session.last_at,
-        bank=learnt,
-        n_sessions=belief.n_sessions + 1,
-        n_observations=belief.n_observations + session.count,
-        within_squares=belief.within_squares + session.squares,
-        temperature=_seen(belief.temperature, session.temperature),
-        friction_torque=_seen(belief.friction_torque, session.friction_torque),
-        change=_seen(belief.change, _change(belief, session)),
-        friction_step=belief.friction_step if lubricated else _seen(belief.friction_step, _step(belief, session)),
-        latest_temperature=session.temperature,
-        latest_friction=session.friction_torque,
-        lubricated_at=session.started_at if lubricated else belief.lubricated_at,
+    learnt = Bank(bank.joint - lesson[:, None] * lesson, bank.shape + 0.5, prediction.log_weight)
+    return Belief(
+        belief.started_at,
+        session.started_at,
+        session.last_at,
+        belief.zero,
+        learnt,
+        belief.n_sessions + 1,
+        belief.n_observations + session.count,
+        belief.within_squares + session.squares,
+        _seen(belief.temperature, session.temperature),
+        _seen(belief.friction_torque, session.friction_torque),
+        _seen(belief.change, _change(belief, session)),
+        belief.friction_step if lubricated else _seen(belief.friction_step, _step(belief, session)),
+        session.temperature,
+        session.friction_torque,
+        session.started_at if lubricated else belief.lubricated_at,
     )
 
 
@@ -362,8 +343,8 @@ def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belie
     """
     bank, lesson = prediction.bank, _lesson(prediction)
     joint = bank.joint.copy()
-    joint[:, _DEPENDENCE, :] -= lesson[:, _DEPENDENCE, None] * lesson
-    joint[:, :, _DEPENDENCE] = joint[:, _DEPENDENCE, :]
+    joint[_DEPENDENCE] -= lesson[_DEPENDENCE] * lesson
+    joint[:, _DEPENDENCE] = joint[_DEPENDENCE]
     return replace(
         belief,
         last_at=session.started_at,
@@ -376,9 +357,10 @@ def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belie
 
 def _lesson(prediction: Prediction) -> FloatArray:
     """Return u of :class:`Bank` over the square root of s, with as much of the error as is believed."""
-    believed, largest = prediction.swept.copy(), LARGEST_LESSON * prediction.scale
-    believed[:, -1] = np.minimum(np.maximum(believed[:, -1], -largest), largest)
-    return np.asarray(believed / np.sqrt(prediction.spread)[:, None])
+    lesson = prediction.swept / np.sqrt(prediction.spread)
+    largest = LARGEST_LESSON * np.sqrt(prediction.bank.rate / prediction.bank.shape)
+    lesson[-1] = np.minimum(np.maximum(lesson[-1], -largest), largest)
+    return np.asarray(lesson)
 
 
 def learnt_from(sessions: Sequence[Session], start: Belief) -> Belief:
@@ -394,8 +376,8 @@ def healthy_value(belief: Belief, at: datetime) -> tuple[float, float]:
     bank, row = belief.bank, _season(belief, at)[:N_COEFFICIENTS]
     for i, covariate in enumerate((_scaled(belief.temperature, None, KELVIN), _friction(belief.friction_torque, None))):
         row[N_COEFFICIENTS - 2 + i] = covariate
-    centre = bank.joint[:, -1, :N_COEFFICIENTS] @ row
-    own = bank.rate / bank.shape * (bank.joint[:, :N_COEFFICIENTS, :N_COEFFICIENTS] @ row @ row)
+    of_row = applied(row, bank.joint[:N_COEFFICIENTS])
+    centre, own = of_row[-1], bank.rate / bank.shape * (row @ of_row[:N_COEFFICIENTS])
     mean = float(bank.weight @ centre)
     return belief.zero + mean, math.sqrt(max(float(bank.weight @ (own + (centre - mean) ** 2)), 0.0))
 
@@ -467,8 +449,8 @@ def _variance_unless_known(seen: Covariate | None, value: float | None, unit: fl
 def _of_unknown(bank: Bank, unknown: tuple[float, ...]) -> FloatArray:
     """Return what covariates that were not measured add to the variance of a value, in units of σ²."""
     which = slice(N_COEFFICIENTS - len(unknown), N_COEFFICIENTS)
-    own = np.diagonal(bank.covariance, axis1=1, axis2=2)[:, which]
-    return np.asarray((bank.mean[:, which] ** 2 * (bank.shape / bank.rate)[:, None] + own) @ np.array(unknown))
+    own = np.diagonal(bank.covariance).T[which]
+    return np.asarray(np.array(unknown) @ (bank.mean[which] ** 2 * (bank.shape / bank.rate) + own))
 
 
 def _noise(belief: Belief, variance: float, session: Session) -> float:

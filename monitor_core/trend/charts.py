@@ -55,8 +55,9 @@ def cusum_step(
     .. [1] E. S. Page, Biometrika 41 (1954) 100–115.
     .. [2] D. M. Hawkins, "Robustification of cumulative sum charts by winsorization", J. Qual. Technol. 25 (1993).
     """
-    grown: FloatArray = np.maximum(previous + np.minimum(residual - reference, largest_increment), 0.0)
-    return grown if grown.ndim else float(grown)
+    if isinstance(residual, np.ndarray):
+        return np.asarray(np.maximum(previous + np.minimum(residual - reference, largest_increment), 0.0))
+    return max(float(previous) + min(residual - float(reference), largest_increment), 0.0)
 
 
 def ewma_step(previous: float, residual: float, weight: float) -> float:

@@ -9,8 +9,6 @@ import math
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
-import numpy as np
-
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend.baseline import baseline_of, contradicts, learn_baseline, learn_level_again
 from monitor_core.trend.belief import Belief, Prediction, Prior, learn, pass_over, predict
@@ -23,7 +21,7 @@ from monitor_core.trend.charts import (
     ewma_step,
     winsorise,
 )
-from monitor_core.trend.lasting_loss import Beginnings, weigh, without_loss
+from monitor_core.trend.lasting_loss import Beginnings, LastingLoss, weigh, without_loss
 from monitor_core.trend.learning import EVIDENCE_LIMIT, is_covered, weigh_fall
 from monitor_core.trend.observation import Observation, Session, first_of
 from monitor_core.trend.state import (
@@ -79,10 +77,13 @@ def step(state: DetectorState, observation: Observation, design: DetectorDesign)
         )
     if state.session is not None and state.session.takes(observation.at):
         session = state.session.with_observation(observation)
+        state = replace(state, session=session, last_at=observation.at)
     else:
-        state, session = _closed(state, state.of(design)), first_of(observation)
-        state = replace(state, first_at=_first_at(state, observation.at), n_sessions=state.n_sessions + 1)
-    state = replace(state, session=session, last_at=observation.at)
+        session = first_of(observation)
+        state = replace(
+            _closed(state, design), session=session, last_at=observation.at,
+            first_at=_first_at(state, observation.at), n_sessions=state.n_sessions + 1,
+        )  # fmt: skip
     design = state.of(design)
     if state.known is None or state.learnt is None:
         return _learn(state, session, design)
@@ -156,7 +157,10 @@ def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
     if state.learnt is None or state.known is None:
         collected = (*state.learning, session) if state.alarm is None else state.learning
         return replace(state, learning=collected, session=None)
-    foreseen = state.foreseen or _foreseen(state, state.learnt, predict(state.known, session), session, design)
+    foreseen = state.foreseen
+    if foreseen is None:
+        foreseen = _foreseen(state, state.learnt, predict(state.known, session), session, state.of(design))
+    design = foreseen.design
     charts, beginnings, prediction = state.charts, foreseen.beginnings, foreseen.prediction
     if not _is_whole(session, state.learnt):
         late = replace(charts, lasting=foreseen.lasting)
@@ -186,8 +190,10 @@ def _foreseen(
     )
     beginnings, lasting = state.beginnings, None
     if state.before.alarm is None:
-        beginnings, lasting = weigh(beginnings, prediction, session, towards_loss=_sign(design), learns=teaches)
-    return Foreseen(prediction, beginnings, lasting, teaches=teaches)
+        beginnings, lasting = weigh(
+            beginnings, prediction, session, towards_loss=_sign(design), learns=teaches, limit=design.evidence_limit
+        )
+    return Foreseen(prediction, beginnings, lasting, design, teaches=teaches)
 
 
 def _followed(state: DetectorState, learnt: Belief, prediction: Prediction, session: Session) -> Belief:
@@ -249,7 +255,7 @@ def _watch(
 ) -> DetectorState:
     prediction = predict(learnt, session)
     difference = prediction.difference
-    evident = float(session.evident(np.array(difference)))
+    evident = float(session.evident(difference))
     residual = _sign(design) * prediction.residual(evident - difference)
     reference = design.cusum_reference + BASELINE_ALLOWANCE * math.sqrt(prediction.unlearnt)
     foreseen, whole = None, _is_whole(session, learnt)
@@ -257,8 +263,10 @@ def _watch(
         expected = prediction if known is learnt else predict(known, session)
         foreseen = _foreseen(state, learnt, expected, session, design)
     lasting = None if foreseen is None else foreseen.lasting
-    before = replace(state.before, residual=residual, reference=reference, lasting=lasting)
-    judged = _judge(_charted(before, session, difference, design), session, learnt, design, whole=whole)
+    charts = _charted(
+        state.before, session, design, difference=difference, residual=residual, reference=reference, lasting=lasting
+    )
+    judged = _judge(charts, session, learnt, design, whole=whole)
     status = TrendStatus.ALARM if judged.alarm else TrendStatus.ALERT if judged.alert else TrendStatus.NORMAL
     return replace(
         state,
@@ -269,22 +277,33 @@ def _watch(
     )
 
 
-def _charted(before: Charts, session: Session, difference: float, design: DetectorDesign) -> Charts:
-    """Carry the charts over a session whose residual and reference they have already."""
-    residual, at = before.residual, session.started_at
+def _charted(
+    before: Charts,
+    session: Session,
+    design: DetectorDesign,
+    *,
+    difference: float,
+    residual: float,
+    reference: float,
+    lasting: LastingLoss | None,
+) -> Charts:
+    """Carry the charts over a session."""
+    at = session.started_at
     cusum = min(
-        cusum_step(before.cusum, residual, before.reference, design.largest_increment),
-        FULL_CHART * design.cusum_limit,
+        cusum_step(before.cusum, residual, reference, design.largest_increment), FULL_CHART * design.cusum_limit
     )
     ewma = ewma_step(before.ewma, winsorise(residual, design.largest_residual), EWMA_WEIGHT)
     beyond = residual > design.shewhart_limit
     return replace(
         before,
+        residual=residual,
+        reference=reference,
         cusum=cusum,
         ewma=ewma,
         cusum_run=_extend(before.cusum_run, at, difference) if cusum > 0.0 else None,
         shewhart_run=_extend(before.shewhart_run, at, difference) if beyond else None,
         ewma_run=_extend(before.ewma_run if ewma * before.ewma > 0.0 else None, at, difference),
+        lasting=lasting,
     )
 
 
@@ -316,7 +335,7 @@ def _judge(charts: Charts, session: Session, learnt: Belief, design: DetectorDes
         change = charts.cusum_run.mean_change(baseline_of(learnt))
         alarm = Evidence(Chart.CUSUM, at, charts.cusum, design.cusum_limit, charts.cusum_run.since, change)
     lasting = charts.lasting
-    if alarm is None and lasting is not None and lasting.log_evidence > design.evidence_limit:
+    if alarm is None and lasting is not None and lasting.change is not None:
         limit, value = design.evidence_limit, lasting.log_evidence
         alarm = Evidence(Chart.SHIRYAEV_ROBERTS, at, value, limit, lasting.onset, lasting.change)
         # the charts begin to see this loss only now; it ends as it does for other alarms

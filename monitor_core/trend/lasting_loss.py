@@ -18,6 +18,7 @@ neighbours that say least are made one, which keeps the evidence of both.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
@@ -26,7 +27,7 @@ import numpy as np
 import scipy
 
 from monitor_core.arrays import FloatArray
-from monitor_core.trend.belief import N_COEFFICIENTS, STRUCTURES, Belief, Numbers, Prediction
+from monitor_core.trend.belief import N_COEFFICIENTS, STRUCTURES, Belief, Numbers, Prediction, applied
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
 
@@ -38,39 +39,42 @@ LARGEST_WORD = 3.0
 KEPT = 4
 
 
+_EFFECT = N_COEFFICIENTS + 1
+_DEPENDENCE = N_COEFFICIENTS
+
+
 class Said(Numbers):
     """What the sessions say of each beginning, by structure.
 
-    ``sums``, shape (n_beginnings, n_structures, size + 2), are the effect of a unit step on what the filter believes,
+    ``sums``, shape (size + 2, n_beginnings, n_structures), are the effect of a unit step on what the filter believes,
     the sum of its share g times the error over the variance [unit of the values], and that of g² over the variance.
-    ``merged``, (n_beginnings,), is the logarithm of what others that a beginning stands for add, as a factor.
+    ``merged`` is the logarithm of what others that a beginning stands for add, as a factor.
     """
 
     __slots__ = ("merged", "sums")
 
-    def __init__(self, sums: FloatArray, merged: FloatArray) -> None:
+    def __init__(self, sums: FloatArray, merged: tuple[float, ...]) -> None:
         """Take the arrays as they are."""
         self.sums, self.merged = sums, merged
 
     def numbers(self) -> FloatArray:
         """Return effects, cross products, information and merged of each beginning."""
         count = len(self.merged)
-        effect = self.sums[..., :-2].reshape(count, math.prod(self.sums.shape[1:]) - 2 * len(STRUCTURES))
-        return np.hstack((effect, self.sums[..., -2], self.sums[..., -1], self.merged[:, None]))
+        effect = self.sums[:_EFFECT].transpose(1, 2, 0).reshape(count, _EFFECT * len(STRUCTURES))
+        return np.hstack((effect, self.sums[-2], self.sums[-1], np.array(self.merged).reshape(count, 1)))
 
     @classmethod
     def of(cls, numbers: FloatArray) -> "Said":
         """Return what such numbers say, in a row or not."""
         structures = len(STRUCTURES)
         rows = numbers.reshape(-1, structures * (_EFFECT + 2) + 1)
-        count = len(rows)
-        effect = rows[:, : structures * _EFFECT].reshape(count, structures, _EFFECT)
-        sums = rows[:, structures * _EFFECT : -1].reshape(count, 2, structures).transpose(0, 2, 1)
-        return cls(np.concatenate((effect, sums), axis=2), rows[:, -1].copy())
+        sums = np.empty((_EFFECT + 2, len(rows), structures))
+        sums[:_EFFECT] = rows[:, : structures * _EFFECT].reshape(-1, structures, _EFFECT).transpose(2, 0, 1)
+        sums[-2:] = rows[:, structures * _EFFECT : -1].reshape(-1, 2, structures).transpose(1, 0, 2)
+        return cls(sums, tuple(rows[:, -1].tolist()))
 
 
-_EFFECT = N_COEFFICIENTS + 1
-_NOTHING = Said(np.zeros((0, len(STRUCTURES), _EFFECT + 2)), np.zeros(0))
+_NOTHING = Said(np.zeros((_EFFECT + 2, 0, len(STRUCTURES))), ())
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +91,7 @@ class LastingLoss:
 
     log_evidence: float  # ln R
     onset: datetime  # the beginning that explains the sessions best
-    change: Estimate  # of the level since then, in the unit of the observations
+    change: Estimate | None  # of the level since then, in the unit of the observations; None below the limit
 
 
 def weigh(
@@ -97,36 +101,45 @@ def weigh(
     *,
     towards_loss: float,
     learns: bool,
+    limit: float = -math.inf,
 ) -> tuple[Beginnings, LastingLoss | None]:
     """Weigh one more session, as it was predicted, and say whether it will be learnt.
 
-    ``towards_loss`` is 1.0 if values rise as preload is lost, -1.0 if they fall. A session that teaches nothing says
+    ``towards_loss`` is 1.0 if values rise as preload is lost, -1.0 if they fall. How large the loss is will be told of
+    evidence beyond the limit. A session that teaches nothing says
     nothing either and begins nothing: what scatter there is would not be known. The loss is None for it, and as long as
     no session before this one can be its beginning: what one session says alone is none that lasts.
     """
     before, count = beginnings.said, len(beginnings.at)
-    sums = np.zeros((count + learns, *before.sums.shape[1:]))  # a loss may begin now as well
-    sums[:count] = before.sums
-    sums[..., _EFFECT - 1] *= prediction.decay
-    left = 1.0 - sums[..., :_EFFECT] @ prediction.design[:-1]  # of a unit step in the error of this session
+    sums = np.zeros((_EFFECT + 2, count + learns, len(STRUCTURES)))  # a loss may begin now as well
+    sums[:, :count] = before.sums
+    sums[_DEPENDENCE] *= prediction.decay
+    left = 1.0 - applied(prediction.design[:-1], sums[:_EFFECT])  # of a unit step in the error of this session
+    share = left / prediction.spread
     if not learns:
-        sums[..., _EFFECT - 1] += left * prediction.gain[:, -2]
+        sums[_DEPENDENCE] += share * prediction.swept[_DEPENDENCE]
         return Beginnings(beginnings.at, Said(sums, before.merged)), None
     largest = LARGEST_WORD * prediction.scale
-    error = towards_loss * np.minimum(np.maximum(session.evident(prediction.error), -largest), largest)
-    in_spread = left / prediction.spread
-    sums[..., :_EFFECT] += left[..., None] * prediction.gain[:, :-1]
-    sums[..., -2] += in_spread * error
-    sums[..., -1] += in_spread * left
-    squares = 2.0 * prediction.bank.rate + error * error / prediction.spread
-    at, merged = (*beginnings.at, session.started_at), np.append(before.merged, 0.0)
+    error = -towards_loss * np.minimum(np.maximum(session.evident(prediction.swept[-1]), -largest), largest)
+    said = prediction.swept.copy()
+    said[-1] = error
+    sums[:-1] += said[:, None] * share
+    sums[-1] += left * share
+    squares = error * error / prediction.spread - prediction.bank.joint[-1, -1]
+    at, merged = [*beginnings.at, session.started_at], [*before.merged, 0.0]
     each, loss = _log_evidence(sums, squares, prediction), None
+    own = [evidence + others for evidence, others in zip(each, merged, strict=True)]
     if count:
-        best = int(np.argmax(each[:-1]))
-        log_evidence = float(np.logaddexp.reduce((each + merged)[:-1]))
-        loss = LastingLoss(log_evidence, at[best], _change(sums[best], squares, prediction, towards_loss))
-    at, kept, merged = _thinned(at, each, merged)
-    return Beginnings(at, Said(sums[kept], merged)), loss
+        log_evidence, best = _log_sum(own[:-1]), max(range(count), key=each.__getitem__)
+        change = _change(sums[:, best], squares, prediction, towards_loss) if log_evidence > limit else None
+        loss = LastingLoss(log_evidence, at[best], change)
+    if len(at) > KEPT:
+        stays, goes = _least(at, own)
+        merged[stays] = _log_sum((own[stays], own[goes])) - each[stays]
+        sums[:, goes:-1] = sums[:, goes + 1 :]
+        sums = sums[:, :-1]
+        del at[goes], merged[goes]
+    return Beginnings(tuple(at), Said(sums, tuple(merged))), loss
 
 
 def without_loss(belief: Belief, beginnings: Beginnings, onset: datetime, towards_loss: float) -> Belief:
@@ -136,54 +149,54 @@ def without_loss(belief: Belief, beginnings: Beginnings, onset: datetime, toward
     the loss.
     """
     nearest = min(range(len(beginnings.at)), key=lambda i: abs(beginnings.at[i] - onset))
-    sums = beginnings.said.sums[nearest]
-    effect, information = sums[:, :-2], sums[:, -1] + STEP**-2
-    step = towards_loss * np.maximum(sums[:, -2], 0.0) / information
-    healthy = belief.bank.with_covariance(effect[:, :, None] * effect[:, None, :] / information[:, None, None])
-    healthy.joint[:, :-1, -1] -= effect * step[:, None]
-    healthy.joint[:, -1, :-1] = healthy.joint[:, :-1, -1]
+    sums = beginnings.said.sums[:, nearest]
+    effect, information = sums[:_EFFECT], sums[-1] + STEP**-2
+    step = towards_loss * np.maximum(sums[-2], 0.0) / information
+    healthy = belief.bank.with_covariance(effect[:, None] * effect / information)
+    healthy.joint[-1, :-1] -= effect * step
+    healthy.joint[:-1, -1] = healthy.joint[-1, :-1]
     return replace(belief, bank=healthy)
 
 
-def _log_evidence(sums: FloatArray, squares: FloatArray, prediction: Prediction) -> FloatArray:
+def _log_evidence(sums: FloatArray, squares: FloatArray, prediction: Prediction) -> list[float]:
     """Return by how much each beginning predicts better than none, all steps of a loss integrated out.
 
     ``squares`` is 2b of a healthy axis after the session.
     """
     shape = prediction.bank.shape + 0.5
-    cross, information = sums[..., -2], sums[..., -1] + STEP**-2
-    with_step = squares - cross * cross / information
-    upwards = cross * np.sqrt(2.0 * shape / (information * with_step))
-    of_structure = (
-        shape * np.log(squares / with_step) - 0.5 * np.log(STEP**2 * information)
-        + math.log(2.0) + scipy.special.log_ndtr(upwards)
-    )  # fmt: skip
-    return np.asarray(np.logaddexp.reduce(prediction.log_weight + of_structure, axis=1))
+    cross, information = sums[-2], sums[-1] + STEP**-2
+    explained = cross * cross / information
+    odds = explained / (squares - explained)
+    upwards = np.copysign(np.sqrt(2.0 * shape * odds), cross)
+    of_structure = shape * np.log1p(odds) - 0.5 * np.log(information) + scipy.special.log_ndtr(upwards)
+    of_all: list[float] = np.logaddexp.reduce(prediction.log_weight + of_structure, axis=1).tolist()
+    return [evidence + math.log(2.0 / STEP) for evidence in of_all]
 
 
 def _change(sums: FloatArray, squares: FloatArray, prediction: Prediction, towards_loss: float) -> Estimate:
     """Return the step since a beginning, over all structures."""
     degrees, weight = 2.0 * prediction.bank.shape + 1.0, np.exp(prediction.log_weight)
-    information = sums[:, -1] + STEP**-2
-    size = np.maximum(sums[:, -2], 0.0) / information
+    information = sums[-1] + STEP**-2
+    size = np.maximum(sums[-2], 0.0) / information
     mean = float(weight @ size)
     variance = float(weight @ (squares / (degrees * information) + (size - mean) ** 2))
     return Estimate(towards_loss * mean, math.sqrt(variance), degrees)
 
 
-def _thinned(
-    at: tuple[datetime, ...], each: FloatArray, merged: FloatArray
-) -> tuple[tuple[datetime, ...], list[int], FloatArray]:
-    """Make one of two neighbours until few are left: first of those that say little and lie close together.
+def _least(at: Sequence[datetime], own: Sequence[float]) -> tuple[int, int]:
+    """Return the neighbours that say little and lie close together, of which the first is to stand for the second.
 
-    Returned are the times of those that stay, which they were, and what each stands for.
+    ``own`` is the logarithm of what each says. The newest stays: nothing is known of it yet.
     """
-    kept, own = list(range(len(at))), (each + merged).tolist()
-    while len(kept) > KEPT:
-        pair = np.logaddexp(own[:-1], own[1:])
-        apart = [(at[later] - at[i]).total_seconds() for i, later in pairwise(kept)]
-        i = int(np.argmin((pair + np.log(apart))[:-1]))  # the newest stays: nothing is known of it yet
-        goes = i + 1 if own[i] >= own[i + 1] else i
-        own[i : i + 2] = [float(pair[i])]
-        del kept[goes]
-    return tuple(at[i] for i in kept), kept, np.array(own) - each[kept]
+    said = [
+        _log_sum(pair) + math.log((later - earlier).total_seconds())
+        for pair, (earlier, later) in zip(pairwise(own[:-1]), pairwise(at[:-1]), strict=True)
+    ]
+    i = said.index(min(said))
+    return (i, i + 1) if own[i] >= own[i + 1] else (i + 1, i)
+
+
+def _log_sum(logarithms: Sequence[float]) -> float:
+    """Return the logarithm of a sum of numbers, given theirs."""
+    largest = max(logarithms)
+    return largest + math.log(sum(math.exp(each - largest) for each in logarithms))

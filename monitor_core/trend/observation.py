@@ -78,7 +78,7 @@ class Session:
         """Tell whether a measurement made at this moment, later than all, is of this session."""
         return at - self.started_at < SESSION
 
-    def evident(self, difference: FloatArray) -> FloatArray:
+    def evident(self, difference: FloatArray | float) -> FloatArray:
         """Return what is left of differences once payload, temperature and position have explained what they can."""
         zone = DEAD_ZONE * self.systematic_uncertainty
         return np.asarray(difference - np.minimum(np.maximum(difference, -zone), zone))

@@ -38,9 +38,9 @@ def prior_from(sisters: Sequence[Belief], default: Prior | None = None) -> Prior
 
     coefficients, deviations = list(prior.coefficients), list(prior.deviations)
     for index in _LENT:
-        means = np.array([float(bank.weight @ bank.mean[:, index]) for bank in banks])
+        means = np.array([float(bank.weight @ bank.mean[index]) for bank in banks])
         variances = np.array([
-            float(bank.weight @ (bank.rate / bank.shape * bank.covariance[:, index, index])) for bank in banks
+            float(bank.weight @ (bank.rate / bank.shape * bank.covariance[index, index])) for bank in banks
         ])  # fmt: skip
         least = prior.deviations[index - 1] ** 2 * variance / (1.0 + count)
         mean, spread = _random_effects(means, variances, least)

@@ -83,13 +83,20 @@ class Charts:
 class Foreseen:
     """What comes of a session if it ends as it is: how it was expected by ``known``, and what it says of a loss."""
 
-    __slots__ = ("beginnings", "lasting", "prediction", "teaches")
+    __slots__ = ("beginnings", "design", "lasting", "prediction", "teaches")
 
     def __init__(
-        self, prediction: Prediction, beginnings: Beginnings, lasting: LastingLoss | None, *, teaches: bool
+        self,
+        prediction: Prediction,
+        beginnings: Beginnings,
+        lasting: LastingLoss | None,
+        design: DetectorDesign,
+        *,
+        teaches: bool,
     ) -> None:
-        """Keep what was found."""
-        self.prediction, self.beginnings, self.lasting, self.teaches = prediction, beginnings, lasting, teaches
+        """Keep what was found, and the limits at the pace of the axis."""
+        self.prediction, self.beginnings, self.lasting = prediction, beginnings, lasting
+        self.design, self.teaches = design, teaches
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,8 +36,6 @@ from service.store.trend.sessions import SessionRecord
 
 #: Written where both beliefs are one.
 _AS_LEARNT = "as learnt"
-#: Written by earlier programs, and told from the rest.
-_NOT_KEPT = {"baseline"}
 #: Members of the detector that hold such numbers, and what makes arrays of them.
 _PACKED: dict[str, tuple[str, Callable[[FloatArray], Numbers]]] = {
     "learnt": ("bank", Bank.of), "known": ("bank", Bank.of), "beginnings": ("said", Said.of)
@@ -109,12 +107,7 @@ def load_state(document: Json) -> AxisState:
 
     Raises DocumentDamagedError, here and below, if what is stored cannot be read.
     """
-    if document is None:
-        return AxisState()
-    if isinstance(document, dict) and isinstance(document.get("detector"), dict):
-        detector = {name: value for name, value in document["detector"].items() if name not in _NOT_KEPT}
-        document = document | {"detector": detector}
-    return _STATE.load(document)
+    return AxisState() if document is None else _STATE.load(document)
 
 
 def dump_state(state: AxisState) -> JsonObject:
