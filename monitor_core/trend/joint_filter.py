@@ -31,7 +31,7 @@ ANY_WAY = 0.25
 #: One session may teach no more than so many standard deviations.
 LARGEST_LESSON = 4.0
 #: Sessions that are remembered as possible beginnings.
-KEPT = 6
+KEPT = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,7 +204,7 @@ def learn(judged: Judged) -> Bank:
 class Weighed:
     """What the sessions say of each session in which a step may have begun, the oldest first."""
 
-    age: FloatArray  # days since it, (n_beginnings,)
+    age: FloatArray  # days since it, (…, n_beginnings)
     merged: FloatArray  # logarithm of what others that it stands for add, as a factor, (…, n_beginnings)
     effect: FloatArray  # of a unit step on what is believed of a number, (…, n_beginnings, p, size of the state)
     cross: FloatArray  # c, (…, n_beginnings, p)
@@ -213,7 +213,7 @@ class Weighed:
 
     def numbers(self) -> tuple[float, ...]:
         """Return all numbers of one axis, beginning by beginning."""
-        n = len(self.age)
+        n = self.age.size
         arrays = (self.age, self.merged, self.effect, self.cross, self.found, self.information)
         return tuple(np.hstack([a.reshape(n, a.size // max(n, 1)) for a in arrays]).ravel().tolist())
 
@@ -227,8 +227,7 @@ def weighed_from(numbers: tuple[float, ...], p: int) -> Weighed:
 
 def none_weighed(p: int, axes: tuple[int, ...] = ()) -> Weighed:
     """Return what is weighed before any session is."""
-    empty = (np.zeros((*axes, 0, *shape)) for shape in ((), (p, SIZE), (p,), (p,), (p, p)))
-    return Weighed(np.zeros(0), *empty)
+    return Weighed(*(np.zeros((*axes, 0, *shape)) for shape in ((), (), (p, SIZE), (p,), (p,), (p, p))))
 
 
 def weigh(weighed: Weighed, judged: Judged, days: float, *, limit: float, learns: bool) -> Weighed:
@@ -338,24 +337,33 @@ def without_step(bank: Bank, weighed: Weighed, judged: Judged, which: int) -> Ba
 
 
 def thinned(weighed: Weighed, each: FloatArray) -> tuple[Weighed, int | None]:
-    """Let the older of two neighbours stand for both where there are too many: of those whose ages are most alike.
+    """Let one of two neighbours stand for both where there are too many: of those that say little and lie together.
 
-    ``each``: ln of the evidence, (…, n_beginnings). Returns which of them is gone, too.
+    ``each``: ln of the evidence, (…, n_beginnings). Returns which of them is gone, too, where it is one axis.
     """
     age = weighed.age
-    if len(age) <= KEPT:
+    if age.shape[-1] <= KEPT:
         return weighed, None
-    gone = int(np.argmin(age[:-2] / age[1:-1])) + 1  # the newest stays: nothing is known of it yet
     own = each + weighed.merged
+    both = np.logaddexp(own[..., :-1], own[..., 1:])
+    # the newest stays: nothing is known of it yet
+    first = np.argmin((both + np.log(age[..., :-1] - age[..., 1:]))[..., :-1], axis=-1)[..., None]
+    older = np.take_along_axis(own, first, -1) >= np.take_along_axis(own, first + 1, -1)
+    stays, gone = np.where(older, first, first + 1), np.where(older, first + 1, first)
     merged = weighed.merged.copy()
-    merged[..., gone - 1] = np.logaddexp(own[..., gone - 1], own[..., gone]) - each[..., gone - 1]
-    kept = [index for index in range(len(age)) if index != gone]
-    left = Weighed(
-        age[kept], merged[..., kept], weighed.effect[..., kept, :, :], weighed.cross[..., kept, :],
-        weighed.found[..., kept, :],
-        weighed.information[..., kept, :, :],
-    )  # fmt: skip
-    return left, gone
+    joined = np.take_along_axis(both, first, -1) - np.take_along_axis(each, stays, -1)
+    np.put_along_axis(merged, stays, joined, -1)
+    left = np.arange(age.shape[-1] - 1)
+    left = left + (left >= gone)
+
+    def those(array: FloatArray) -> FloatArray:
+        further = array.ndim - age.ndim
+        return np.take_along_axis(array, left.reshape(*left.shape, *(1,) * further), -1 - further)
+
+    arrays = (those(array) for array in (
+        age, merged, weighed.effect, weighed.cross, weighed.found, weighed.information
+    ))  # fmt: skip
+    return Weighed(*arrays), int(gone[0]) if gone.ndim == 1 else None
 
 
 def evidence_of_histories(
@@ -379,7 +387,7 @@ def evidence_of_histories(
             continue
         weighed = weigh(weighed, judged, days, limit=limit, learns=True)
         each = log_evidence(weighed, judged, directions)
-        if len(weighed.age) > 1:
+        if weighed.age.shape[-1] > 1:
             found[:, session] = np.logaddexp.reduce((each + weighed.merged)[:, :-1], axis=-1)
         weighed, _ = thinned(weighed, each)
     return found
