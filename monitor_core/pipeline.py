@@ -36,7 +36,16 @@ from monitor_core.preload.fit import BETWEEN_SESSIONS
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, gate_window
 from monitor_core.recording import Conditions, Doubt, DoubtReason, Rejection, RejectionReason, Window
-from monitor_core.trend import DetectorDesign, DetectorState, Observation, step
+from monitor_core.trend import (
+    DetectorDesign,
+    DetectorState,
+    JointObservation,
+    JointState,
+    LossDirection,
+    Observation,
+    joint_step,
+    step,
+)
 from monitor_core.trend.observation import SESSION
 from monitor_core.uncertainty import Estimate
 
@@ -84,6 +93,7 @@ class AxisState:
     baseline_conditions: tuple[Conditions, ...] = ()
     places: Places = field(default_factory=Places)  # of the session that is going on
     places_since: datetime | None = None  # when it began
+    joint: JointState = field(default_factory=JointState)  # of the numbers that are watched together
 
 
 def search_band(settings: AxisSettings, calibration: Calibration | None, window: Window) -> tuple[float, float]:
@@ -369,7 +379,20 @@ def advance_feature(
         baseline_conditions=remembered if learning else state.baseline_conditions,
         places=places,
         places_since=since,
+        joint=joint_step(state.joint, _numbers_of(charted, observation), design, WATCHED_TOGETHER),
     )
+
+
+#: Numbers of a measurement that are watched together, and which way each goes as preload is lost.
+WATCHED_TOGETHER = {"frequency": LossDirection.FALL, "friction-torque": LossDirection.FALL}
+
+
+def _numbers_of(charted: ChartedFeature, observation: Observation) -> JointObservation:
+    """Return the logarithms of what a measurement is watched by; of the frequency that of what the charts watch."""
+    numbers = {"frequency": -0.5 * math.log(observation.value)} if observation.value > 0.0 else {}
+    if charted.friction_torque is not None and charted.friction_torque > 0.0:
+        numbers["friction-torque"] = math.log(charted.friction_torque)
+    return JointObservation(charted.at, numbers, observation.temperature, observation.in_doubt, observation.lubricated)
 
 
 #: What the sessions of an axis have in common lasts so long: a mounting, a lubrication.

@@ -38,6 +38,7 @@ from monitor_core.trend.joint import (
     JointObservation as JointObservation,
     JointState as JointState,
     NumberChange as NumberChange,
+    joint_limit as joint_limit,
     joint_reset as joint_reset,
     joint_step as joint_step,
 )

@@ -63,6 +63,7 @@ class JointObservation:
     values: Mapping[str, float]  # those that are known
     temperature: float | None = None  # of the structure [°C]
     in_doubt: bool = False
+    lubricated: bool = False  # since the measurement before it, as somebody said
 
     def __post_init__(self) -> None:
         if self.at.tzinfo is None:
@@ -84,6 +85,7 @@ class JointSession:
     temperature: float | None = None
     n_temperatures: int = 0
     in_doubt: bool = False
+    lubricated: bool = False
 
     def with_observation(self, new: JointObservation) -> "JointSession":
         """Return the session with one more measurement."""
@@ -97,7 +99,15 @@ class JointSession:
             n += 1
             temperature = new.temperature if temperature is None else temperature + (new.temperature - temperature) / n
         return JointSession(
-            self.started_at, new.at, self.count + 1, values, counts, temperature, n, self.in_doubt or new.in_doubt
+            self.started_at,
+            new.at,
+            self.count + 1,
+            values,
+            counts,
+            temperature,
+            n,
+            self.in_doubt or new.in_doubt,
+            self.lubricated or new.lubricated,
         )
 
 
@@ -163,7 +173,7 @@ class JointState:
     learnt: JointBelief | None = None
     watching: bool = False
     before: JointChart = JointChart()  # before the session that is going on, ...
-    chart: JointChart = JointChart()  # ... and with what it has so far
+    chart: JointChart = JointChart()  # ... and what is said with what it has so far
     missing: tuple[str, ...] = ()  # numbers that the session that is going on lacks
 
     @property
@@ -202,6 +212,7 @@ def joint_step(
     chart = state.before
     if session.count * learnt.n_sessions >= WHOLE * learnt.n_measurements:
         chart, _ = _carried(chart, learnt, session, joint_limit(state, design))
+    chart = replace(chart, beginnings=(), numbers=())  # they go on from before the session
     return replace(state, chart=chart, missing=tuple(name for name in learnt.names if name not in session.values))
 
 
@@ -281,7 +292,9 @@ def _judged(belief: JointBelief, session: JointSession) -> Judged:
     known = np.array([name in session.values for name in belief.names])
     values = np.array([session.values.get(name, zero) for name, zero in zip(belief.names, belief.zeros, strict=True)])
     values = (values - np.array(belief.zeros)) / np.array(belief.units)
-    return judge(_bank(belief), row, apart / DAY, values, known)
+    # nobody knows what fresh grease does to friction and damping until they have been measured with it
+    bank = joint_filter.reopened(_bank(belief)) if session.lubricated else _bank(belief)
+    return judge(bank, row, apart / DAY, values, known)
 
 
 def _teaches(belief: JointBelief, session: JointSession) -> bool:
@@ -311,11 +324,11 @@ def _carried(
     at, before = chart.beginnings, weighed_from(chart.numbers, p)
     weighed = joint_filter.weigh(before, judged, days, limit=limit, learns=_teaches(belief, session))
     learnt = _learnt(belief, session, judged)
-    each = joint_filter.log_evidence(weighed, judged, joint_filter.directions_of(belief.signs))
+    each = joint_filter.log_evidence(weighed, judged, belief.signs)
     log_evidence = float(np.logaddexp.reduce((each + weighed.merged)[: len(at)])) if at else None
     if log_evidence is not None and log_evidence > limit:
         best = int(np.argmax(each[: len(at)]))
-        step, uncertainty, share = joint_filter.step_since(weighed, judged, best)
+        step, uncertainty, share = joint_filter.step_since(weighed, judged, best, each + weighed.merged)
         unit = judged.bank.scatter * np.array(belief.units)
         changes = _changes(belief, step * unit, uncertainty * unit, share)
         alarm = JointEvidence(session.last_at, at[best], log_evidence, limit, changes)

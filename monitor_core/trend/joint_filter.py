@@ -26,7 +26,7 @@ SIZE = _DEVIATIONS.size + 1
 WORTH = 5.0
 #: A step has so many standard deviations of a session, over all directions.
 STEP = 2.0
-#: Belief that a step may go any way, where the ways of a loss are known.
+#: Belief that a step may go any way, where the ways in which a loss moves some numbers are known and others' are not.
 ANY_WAY = 0.25
 #: One session may teach no more than so many standard deviations.
 LARGEST_LESSON = 4.0
@@ -290,19 +290,31 @@ def directions_of(signs: tuple[float, ...]) -> FloatArray:
     return np.array(rows).reshape(-1, len(signs))
 
 
-def log_evidence(weighed: Weighed, judged: Judged, directions: FloatArray) -> FloatArray:
+def log_evidence(weighed: Weighed, judged: Judged, signs: tuple[float, ...]) -> FloatArray:
     """Return by how much a step since each beginning predicts better than none, (…, n_beginnings).
 
-    :data:`ANY_WAY` of it is for a step of any direction, the rest for one along a direction of loss.
+    Where the ways of all numbers are known, along the directions of a loss; where those of some are,
+    :data:`ANY_WAY` of it is for a step of any direction; where none is, all.
     """
+    directions = directions_of(signs)
+    if not len(directions):
+        return _of_any_step(weighed, judged)
+    of_loss = _of_loss(weighed, directions)
+    if all(signs):
+        return of_loss
+    return np.logaddexp(math.log(ANY_WAY) + _of_any_step(weighed, judged), math.log1p(-ANY_WAY) + of_loss)
+
+
+def _of_any_step(weighed: Weighed, judged: Judged) -> FloatArray:
     p = weighed.cross.shape[-1]
     precision = posterior_precision(weighed, judged)
     step = np.linalg.solve(precision, weighed.cross[..., None])[..., 0]
     before = np.linalg.slogdet(p / STEP**2 * judged.precision)[1]
     grown = np.linalg.slogdet(precision)[1] - before[..., None]
-    of_any = 0.5 * ((weighed.cross * step).sum(axis=-1) - grown)
-    if not len(directions):
-        return np.asarray(of_any)
+    return np.asarray(0.5 * ((weighed.cross * step).sum(axis=-1) - grown))
+
+
+def _of_loss(weighed: Weighed, directions: FloatArray) -> FloatArray:
     along = weighed.cross @ directions.T
     information = np.einsum("ki,...ij,kj->...k", directions, weighed.information, directions)
     known = information + STEP**-2
@@ -310,23 +322,27 @@ def log_evidence(weighed: Weighed, judged: Judged, directions: FloatArray) -> Fl
         0.5 * along**2 / known - 0.5 * np.log(STEP**2 * known)
         + math.log(2.0) + scipy.special.log_ndtr(along / np.sqrt(known))
     )  # fmt: skip
-    of_loss = np.logaddexp.reduce(of_loss, axis=-1) - math.log(len(directions))
-    return np.asarray(np.logaddexp(math.log(ANY_WAY) + of_any, math.log1p(-ANY_WAY) + of_loss))
+    return np.asarray(np.logaddexp.reduce(of_loss, axis=-1) - math.log(len(directions)))
 
 
-def step_since(weighed: Weighed, judged: Judged, which: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the step of each number since a beginning, its uncertainty, both in σ, and its share of the evidence.
+def step_since(
+    weighed: Weighed, judged: Judged, which: int, each: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the step of each number of one axis, its uncertainty, both in σ, and its share of the evidence.
 
-    The shares are the squares of c, whitened so that each number keeps as much of itself as can be.
+    Step and uncertainty are over all beginnings, weighted by what they say: when it began is not known for certain. The
+    shares are the squares of c of one of them, whitened so that each number keeps as much of itself as can be.
     """
-    precision, cross, information = (
-        posterior_precision(weighed, judged)[which], weighed.cross[which], weighed.information[which]
-    )  # fmt: skip
+    weight = np.exp(each - np.logaddexp.reduce(each))
+    covariance = np.linalg.inv(weighed.information)  # without the prior, which would make large steps small
+    steps = (covariance @ weighed.found[..., None])[..., 0]
+    step: FloatArray = weight @ steps
+    variance = weight @ (np.diagonal(covariance, axis1=-2, axis2=-1) + (steps - step) ** 2)
+    precision, cross = posterior_precision(weighed, judged)[which], weighed.cross[which]
     deviation = np.sqrt(np.diagonal(precision))
     length, axes = np.linalg.eigh(precision / np.outer(deviation, deviation))
     white = (axes / np.sqrt(length)) @ axes.T @ (cross / deviation)
-    covariance = np.linalg.inv(information)  # without the prior, which would make large steps small
-    return covariance @ weighed.found[which], np.sqrt(np.diagonal(covariance)), white**2 / float(white @ white)
+    return step, np.sqrt(variance), white**2 / float(white @ white)
 
 
 def without_step(bank: Bank, weighed: Weighed, judged: Judged, which: int) -> Bank:
@@ -378,7 +394,7 @@ def evidence_of_histories(
     baseline = values[:, :n_baseline]
     values = (values - baseline.mean(axis=1)[:, None]) / baseline.std(axis=1, ddof=1)[:, None]
     bank, weighed, known = begin(p, (n_axes,)), none_weighed(p, (n_axes,)), np.ones(p, dtype=bool)
-    found, directions = np.full((n_axes, n_sessions), np.nan), directions_of(signs or (0.0,) * p)
+    found, signs = np.full((n_axes, n_sessions), np.nan), signs or (0.0,) * p
     for session in range(n_sessions):
         days = float(session > 0)
         judged = judge(bank, design_row(session / 365.25), days, values[:, session], known)
@@ -386,7 +402,7 @@ def evidence_of_histories(
         if session < n_baseline:
             continue
         weighed = weigh(weighed, judged, days, limit=limit, learns=True)
-        each = log_evidence(weighed, judged, directions)
+        each = log_evidence(weighed, judged, signs)
         if weighed.age.shape[-1] > 1:
             found[:, session] = np.logaddexp.reduce((each + weighed.merged)[:, :-1], axis=-1)
         weighed, _ = thinned(weighed, each)

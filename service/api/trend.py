@@ -14,6 +14,7 @@ from service.api.axes import MaintenanceOut, StaleOut
 from service.api.services import ServicesOf
 from service.documents.history import AlertView, BaselineView, FalseAlarmsView, LineView
 from service.documents.measurement import numbers
+from service.documents.together import TogetherView
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AnswerModel, AxisId, RowId
@@ -131,6 +132,9 @@ class HistoryOut(BaseModel):
     alert: Annotated[
         AlertView | None, Field(description="that stands: how far the preload is off, and what to do; null if none")
     ] = None
+    together: Annotated[
+        TogetherView | None, Field(description="what several numbers of the axis show together; null: nothing is known")
+    ] = None
     stale: Annotated[StaleOut | None, Field(description="while it is judged anew: by which job")] = None
     events: Annotated[list[MaintenanceOut], Field(description="what was done to it, in order of time")] = []
 
@@ -145,6 +149,7 @@ def get_history(axis: AxisId, services: ServicesOf) -> HistoryOut:
         trend_line=history.line,
         false_alarms=history.false_alarms,
         alert=history.alert,
+        together=history.together,
         stale=history.stale,
         events=history.events,
     )

@@ -82,6 +82,7 @@ def test_an_axis_without_calibration_has_no_history(old: Api) -> None:
         "trend_line": None,
         "false_alarms": None,
         "alert": None,
+        "together": None,
         "events": [],
         "stale": None,
     }

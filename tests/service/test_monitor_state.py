@@ -8,7 +8,15 @@ from hypothesis import given, settings, strategies as st
 
 from monitor_core.pipeline import AxisState
 from monitor_core.recording import Conditions
-from monitor_core.trend import DetectorSettings, LossDirection, Observation, Session, step
+from monitor_core.trend import (
+    DetectorSettings,
+    JointObservation,
+    LossDirection,
+    Observation,
+    Session,
+    joint_step,
+    step,
+)
 from service.operations.monitoring.axis_configuration import AxisConfiguration, detector_design, detector_settings
 from service.operations.monitoring.intake.chart_state import dump_design, dump_state, load_design, load_state, state_now
 from service.store.tables import AxisRow
@@ -50,8 +58,13 @@ def test_charts_go_on_from_json_as_they_would_have(seed: int, loss: float) -> No
     for i in range(30):
         value = 4.4e-6 + 2e-8 * (rng.normal() + (loss if i > 15 else 0.0))
         observation = Observation(START + timedelta(hours=13 * i, microseconds=i), value, 5e-9, 1e-9, 21.0 + i % 3)
+        together = JointObservation(observation.at, {"a": rng.normal() + loss * (i > 22), "b": rng.normal()}, 21.0)
         state, stored = (
-            AxisState(step(before.detector, observation, design), (Conditions(0.5, 0.0, 21.5),))
+            AxisState(
+                step(before.detector, observation, design),
+                (Conditions(0.5, 0.0, 21.5),),
+                joint=joint_step(before.joint, together, design),
+            )
             for before in (state, stored)
         )
         stored = load_state(through_json(dump_state(stored)))

@@ -26,6 +26,7 @@ from service.documents.history import (
     false_alarms_view,
     line_view,
 )
+from service.documents.together import TogetherView, together_view
 from service.operations.monitoring.intake.chart_state import load_design, load_state
 from service.store import axes
 from service.store.calibrations import CalibrationsInForce
@@ -53,6 +54,7 @@ class AxisHistory:
     alert: AlertView | None = None  # that stands
     events: tuple[MaintenanceRow, ...] = ()  # what was done to it, in order of time
     stale: Stale | None = None  # it is about to be replaced
+    together: TogetherView | None = None  # what several numbers show together
 
 
 class History:
@@ -77,7 +79,8 @@ class History:
         if calibration is None or row.active_calibration_id is None:
             return AxisHistory(None, None, None)
         sessions = stored_sessions(connection, row.number, row.active_calibration_id, MOST_SESSIONS)
-        state, design = load_state(row.monitor_state).detector, load_design(row.detector_design)
+        stored, design = load_state(row.monitor_state), load_design(row.detector_design)
+        state = stored.detector
         line, false_alarms = self._remembered.of(
             ("long run", axis_id),
             (hash(tuple(sessions)), row.active_calibration_id, row.epoch, row.detector_design),
@@ -86,7 +89,8 @@ class History:
             ),
         )
         alert = alert_view(state, calibration, design.settings.baseline_size)
-        return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert)
+        together = together_view(stored.joint, design)
+        return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert, together=together)
 
 
 def _long_run(

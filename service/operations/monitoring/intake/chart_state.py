@@ -21,9 +21,11 @@ from monitor_core.trend import (
     ClosedSession,
     DetectorDesign,
     DetectorState,
+    JointState,
     Numbers,
     Said,
     TrendStatus,
+    joint_reset,
     reset,
     state_at,
 )
@@ -40,6 +42,8 @@ _AS_LEARNT = "as learnt"
 _PACKED: dict[str, tuple[str, Callable[[FloatArray], Numbers]]] = {
     "learnt": ("bank", Bank.of), "known": ("bank", Bank.of), "beginnings": ("said", Said.of)
 }  # fmt: skip
+#: Members of the joint chart that hold such numbers.
+_OF_JOINT = ("learnt", "before")
 #: "or None", for pydantic takes no configuration for a dataclass alone.
 _ADAPTER: TypeAdapter[AxisState] = TypeAdapter(
     AxisState | None,  # type: ignore[arg-type]
@@ -64,6 +68,10 @@ def _packed(state: AxisState) -> JsonObject:
     if as_learnt:
         members["known"] = _AS_LEARNT
     del members["foreseen"]
+    for name in _OF_JOINT:
+        if document["joint"][name] is not None:
+            numbers = np.array(document["joint"][name]["numbers"], dtype="<f8")
+            document["joint"][name]["numbers"] = base64.b64encode(numbers.tobytes()).decode()
     return dict(document)
 
 
@@ -80,15 +88,26 @@ def _unpacked(document: JsonObject) -> AxisState:
                 numbers = np.frombuffer(base64.b64decode(member["numbers"], validate=True), "<f8")
                 left = {key: value for key, value in member.items() if key != "numbers"}
                 detector[name] = left | {arrays: of(numbers)}
+    joint = document.get("joint")
+    if isinstance(joint, dict):
+        document = document | {"joint": joint | {name: _with_numbers(joint.get(name)) for name in _OF_JOINT}}
     as_learnt = detector.get("known") == _AS_LEARNT
     state = _ADAPTER.validate_python(document | {"detector": detector | ({"known": None} if as_learnt else {})})
     return replace(state, detector=replace(state.detector, known=state.detector.learnt)) if as_learnt else state
 
 
+def _with_numbers(member: Json) -> Json:
+    if isinstance(member, dict) and isinstance(member.get("numbers"), str):
+        with suppress(ValueError):
+            numbers = np.frombuffer(base64.b64decode(str(member["numbers"]), validate=True), "<f8")
+            return member | {"numbers": numbers.tolist()}
+    return member
+
+
 _STATE = StoredRecord(
     "state of the charts",
     _ADAPTER,
-    version=7,  # a lubrication that was stated opens the level; what falls while it is learnt raises an alarm
+    version=8,  # several numbers are watched together
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
     packed=_packed,
     unpacked=_unpacked,
@@ -142,6 +161,13 @@ def begun(epoch: EpochRecord, before: DetectorState) -> DetectorState:
         return load_state(epoch.state).detector
     prior = load_state(epoch.state).detector.prior if epoch.begun_by == CALIBRATION else before.prior
     return DetectorState(last_at=before.last_at, prior=prior)
+
+
+def joint_begun(epoch: EpochRecord, before: JointState) -> JointState:
+    """Return the joint chart as it begins an epoch, as :func:`begun` does."""
+    if epoch.begun_by == INSPECTION:
+        return joint_reset(before)
+    return load_state(epoch.state).joint if epoch.begun_by == UNKNOWN else JointState(last_at=before.last_at)
 
 
 def state_now(axis: AxisRow, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:

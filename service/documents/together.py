@@ -1,0 +1,125 @@
+"""Say what the numbers of an axis that are watched together show."""
+
+import math
+from datetime import datetime
+from typing import Literal
+
+import scipy
+from pydantic import BaseModel, ConfigDict, Field
+
+from monitor_core.trend import DetectorDesign, JointEvidence, JointState, NumberChange, joint_limit
+from monitor_core.trend.joint import JOINT_SHARE
+
+#: What the numbers are called in sentences.
+_CALLED = {"frequency": "natural frequency", "friction-torque": "friction torque"}
+
+
+class ChangedNumber(BaseModel):
+    """What one number has to do with an alarm."""
+
+    model_config = ConfigDict(frozen=True)
+
+    number: str
+    change_percent: float = Field(description="since the onset")
+    interval_95_percent: tuple[float, float]
+    interval_kind: Literal["confidence"] = "confidence"
+    share: float = Field(description="of the evidence, 0 to 1")
+
+
+class TogetherAlarm(BaseModel):
+    """The alarm of the numbers together that stands."""
+
+    model_config = ConfigDict(frozen=True)
+
+    raised_at: datetime
+    onset: datetime
+    log_evidence: float
+    limit: float
+    numbers: tuple[ChangedNumber, ...]
+
+
+class TogetherView(BaseModel):
+    """The numbers of an axis that are watched together, and what they show."""
+
+    model_config = ConfigDict(frozen=True)
+
+    numbers: tuple[str, ...] = Field(description="that are watched together; none while the baseline is learnt")
+    missing: tuple[str, ...] = Field(description="numbers that the latest session lacks")
+    log_evidence: float | None = Field(
+        description="logarithm of the evidence of a change that lasts; null: too little to say"
+    )
+    limit: float
+    false_alarms_per_year: float = Field(description="that may come on top of those stated for the axis")
+    alarm: TogetherAlarm | None
+    sentence: str
+
+
+def together_view(state: JointState, design: DetectorDesign) -> TogetherView:
+    """Say what the numbers of an axis that are watched together show."""
+    learnt, alarm, limit = state.learnt if state.watching else None, state.alarm, joint_limit(state, design)
+    rate = JOINT_SHARE * design.settings.false_alarms_per_year
+    return TogetherView(
+        numbers=() if learnt is None else learnt.names,
+        missing=state.missing,
+        log_evidence=state.chart.log_evidence,
+        limit=limit,
+        false_alarms_per_year=rate,
+        alarm=None if alarm is None else _alarm(alarm),
+        sentence=_sentence(state, limit),
+    )
+
+
+def _sentence(state: JointState, limit: float) -> str:
+    if state.alarm is not None:
+        return said_of(state.alarm)
+    if not state.watching or state.learnt is None:
+        return "not watched yet: a baseline with two numbers or more in nearly every session is needed"
+    watched, evidence = _listed(state.learnt.names), state.chart.log_evidence
+    lacks = f"; the latest session lacks {_listed(state.missing)}, and is judged by the rest" if state.missing else ""
+    if evidence is None:
+        return f"{watched} are watched together; one more session is needed before they say anything{lacks}"
+    return (
+        f"{watched} show no change that lasts: the logarithm of the evidence is {evidence:.1f}, its limit "
+        f"{limit:.1f}{lacks}"
+    )
+
+
+def said_of(alarm: JointEvidence) -> str:
+    """Say in one sentence what an alarm of several numbers is about, and which share each has."""
+    parts = []
+    for change in alarm.changes:
+        number = _changed(change)
+        half = 0.5 * (number.interval_95_percent[1] - number.interval_95_percent[0])
+        parts.append(
+            f"{_CALLED[change.name]} {number.change_percent:+.1f} ± {half:.1f} % ({100.0 * change.share:.0f} % of the "
+            "evidence)"
+        )
+    return (
+        f"since {alarm.onset:%Y-%m-%d} several numbers together have changed as when preload is lost: "
+        f"{', '.join(parts)}; the logarithm of the evidence is {alarm.log_evidence:.1f}, its limit {alarm.limit:.1f}"
+    )
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    called = [_CALLED[name] for name in names]
+    return called[0] if len(called) == 1 else f"{', '.join(called[:-1])} and {called[-1]}"
+
+
+def _alarm(alarm: JointEvidence) -> TogetherAlarm:
+    return TogetherAlarm(
+        raised_at=alarm.raised_at,
+        onset=alarm.onset,
+        log_evidence=alarm.log_evidence,
+        limit=alarm.limit,
+        numbers=tuple(map(_changed, alarm.changes)),
+    )
+
+
+def _changed(change: NumberChange) -> ChangedNumber:
+    """Return a change of a logarithm in percent."""
+    size = change.change
+    reach = float(scipy.special.stdtrit(size.degrees_of_freedom, 0.975)) * size.standard_uncertainty
+    lower, value, upper = (100.0 * math.expm1(size.value + side) for side in (-reach, 0.0, reach))
+    return ChangedNumber(
+        number=change.name, change_percent=value, interval_95_percent=(lower, upper), share=change.share
+    )

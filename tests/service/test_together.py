@@ -1,0 +1,57 @@
+"""Numbers that are watched together: the fold over measurements, and what is said of it."""
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
+from monitor_core.recording import Conditions
+from monitor_core.trend import DetectorSettings, LossDirection, design_detector
+from monitor_core.uncertainty import Estimate
+from service.documents.together import together_view
+from service.operations.monitoring.intake.chart_state import dump_state, load_state
+from tests.test_end_to_end import bundled_calibration
+
+START = datetime(2026, 1, 5, 6, tzinfo=UTC)
+DESIGN = design_detector(DetectorSettings(loss=LossDirection.RISE))
+
+
+def _fold(days: int, lost_from: int, lost: tuple[float, float], *, friction: bool = True) -> AxisState:
+    """Return the state of an axis whose frequency and friction torque scatter by 0.3 and 2 % and fall by so much."""
+    rng, state = np.random.default_rng(3), AxisState()
+    for day in range(days):
+        fall = np.array(lost) * (day >= lost_from)
+        frequency = 590.0 * (1.0 + 0.003 * rng.normal() - fall[0])
+        torque = 0.4 * (1.0 + 0.02 * rng.normal() - fall[1])
+        charted = ChartedFeature(
+            START + timedelta(days=day),
+            Estimate(frequency**-2.0, 0.0),
+            Conditions(0.5, 0.0, 21.0),
+            torque if friction else None,
+        )
+        state = advance_feature(state, charted, calibration=bundled_calibration(), design=DESIGN)
+        state = load_state(dump_state(state))
+    return state
+
+
+def test_an_alarm_names_each_number_with_its_change_and_its_share() -> None:
+    view = together_view(_fold(50, 40, (0.012, 0.08)).joint, DESIGN)
+    assert view.alarm is not None
+    changes = {number.number: number for number in view.alarm.numbers}
+    for name, percent in (("frequency", -1.2), ("friction-torque", -8.0)):
+        lower, upper = changes[name].interval_95_percent
+        assert lower <= percent <= upper
+        assert f"{changes[name].change_percent:+.1f}" in view.sentence
+    assert sum(number.share for number in view.alarm.numbers) == pytest.approx(1.0)
+    assert abs(view.alarm.onset - (START + timedelta(days=40))) <= timedelta(days=1)
+
+
+def test_a_healthy_axis_is_said_to_show_no_change_and_one_without_friction_is_not_called_healthy() -> None:
+    healthy = together_view(_fold(40, 99, (0.0, 0.0)).joint, DESIGN)
+    assert healthy.alarm is None
+    assert healthy.numbers == ("frequency", "friction-torque")
+    assert "show no change that lasts" in healthy.sentence
+    alone = together_view(_fold(40, 99, (0.0, 0.0), friction=False).joint, DESIGN)
+    assert alone.numbers == ()
+    assert alone.sentence.startswith("not watched yet")
