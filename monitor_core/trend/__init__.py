@@ -34,6 +34,7 @@ from monitor_core.trend.intervals import (
     paper_rule as paper_rule,
 )
 from monitor_core.trend.joint import (
+    JOINT_SHARE as JOINT_SHARE,
     JointEvidence as JointEvidence,
     JointObservation as JointObservation,
     JointState as JointState,

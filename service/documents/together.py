@@ -7,8 +7,7 @@ from typing import Literal
 import scipy
 from pydantic import BaseModel, ConfigDict, Field
 
-from monitor_core.trend import DetectorDesign, JointEvidence, JointState, NumberChange, joint_limit
-from monitor_core.trend.joint import JOINT_SHARE
+from monitor_core.trend import JOINT_SHARE, DetectorDesign, JointEvidence, JointState, NumberChange, joint_limit
 
 #: What the numbers are called in sentences.
 _CALLED = {"frequency": "natural frequency", "friction-torque": "friction torque"}
