@@ -395,6 +395,8 @@ class MotionRecord:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sample_rate) and self.sample_rate > 0.0):
             raise OutsideValidityError(f"sample_rate must be positive and finite; got {self.sample_rate} Hz")
+        if self.quantity.is_relative:
+            raise OutsideValidityError(f"a motion needs a force or a torque; got {self.quantity}")
         for name in ("position", "drive", "reference"):
             samples = getattr(self, name)
             if samples is None:

@@ -108,7 +108,7 @@ def test_the_record_has_the_frequency_response_of_the_model():
     assert np.abs(measured / expected - 1.0).max() < 1e-3
 
 
-@pytest.mark.parametrize("source", ExcitationSource)
+@pytest.mark.parametrize("source", MOTOR_END)
 def test_the_products_road_finds_the_modes_without_friction(source):
     settings = replace(SimulationSettings(), excitation_source=source)
     for frequency, truth in found_and_true(settings):

@@ -229,7 +229,9 @@ def test_a_matrix_of_accelerations_is_no_excitation_and_a_constant_rate_is_no_si
 
 def test_a_motion_with_its_velocity_is_proposed_as_a_motion_and_a_motor_speed_is_no_spectrum():
     velocity = {"Velocity [mm/s]": np.sin(TIMES), "Temp": 20.0 + TIMES, "Speed [rad/s]": np.sin(3 * TIMES)}
-    assert made_of(channels_of(**{"Position [mm]": WAVE, "Torque [Nm]": -WAVE, **velocity})) is Made.MOTION
+    force = {"Position [mm]": WAVE, "Force [N]": -WAVE, **velocity}
+    assert made_of(channels_of(**force)) is Made.MOTION
+    assert made_of(channels_of(**force, **{"Torque [Nm]": -WAVE})) is Made.SESSION  # of a motor: it has modes
     assert made_of(channels_of(**{"Acc [g]": WAVE, "Torque [Nm]": -WAVE, **velocity})) is Made.SESSION
     lines = {"w [rad/s]": 1.0 + TIMES, "Gain [dB]": WAVE, "Phase [deg]": WAVE}
     assert made_of(channels_of(**lines)) is Made.FRF_SET

@@ -28,7 +28,7 @@ def text(header="time_s,position_m,force_n", rows=None):
     return "\n".join([header, *rows]) + "\n"
 
 
-@pytest.mark.parametrize("quantity", ExcitationQuantity)
+@pytest.mark.parametrize("quantity", [ExcitationQuantity.FORCE, ExcitationQuantity.TORQUE])
 @pytest.mark.parametrize("reference", [None, np.linspace(0.0, 1.0, N)])
 def test_what_is_written_is_read(tmp_path, quantity, reference):
     written = record(quantity=quantity, reference=reference)
@@ -39,6 +39,12 @@ def test_what_is_written_is_read(tmp_path, quantity, reference):
     for name in ("position", "drive", "reference"):
         np.testing.assert_array_equal(getattr(read, name), getattr(written, name))
     np.testing.assert_allclose(read.time, written.time, rtol=1e-12)
+
+
+@pytest.mark.parametrize("quantity", [ExcitationQuantity.CURRENT, ExcitationQuantity.ACCELERATION])
+def test_a_motion_is_driven_by_a_force_or_a_torque(quantity):
+    with pytest.raises(OutsideValidityError, match=f"a motion needs a force or a torque; got {quantity}"):
+        record(quantity=quantity)
 
 
 def test_times_printed_to_a_millisecond_and_further_columns_are_taken(tmp_path):
