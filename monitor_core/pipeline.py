@@ -31,7 +31,7 @@ from monitor_core.preload import (
 from monitor_core.preload.budget import THERMOMETER_OFFSET, lagging
 from monitor_core.preload.doubts import PlaceReading, Places
 from monitor_core.preload.drag_torque import Friction, estimate_friction
-from monitor_core.preload.estimate import place_reading
+from monitor_core.preload.estimate import place_reading, refuse_other_channels
 from monitor_core.preload.fit import BETWEEN_SESSIONS
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, gate_window
@@ -143,6 +143,8 @@ def _usable_band(window: Window) -> tuple[float, float]:
 
 def check_window(window: Window, settings: AxisSettings, calibration: Calibration | None) -> Rejection | None:
     """Return why a window on its own is not fit to be averaged, or ``None``."""
+    if _refuse_channels(window, calibration) is not None:  # judge_measurement says it
+        calibration = None
     gate, band = settings.quality, search_band(settings, calibration, window)
     if (refusal := _sampled_too_slowly(window, band)) is not None:
         return refusal
@@ -172,8 +174,13 @@ def judge_measurement(
 
     The windows, at least one, are those of one measurement at one position that :func:`check_window` accepts, by this
     calibration or by one before it. Without a calibration the mode is measured and the preload refused as
-    ``not-calibrated``; the outcome holds estimates, or the named reasons why there are none.
+    ``not-calibrated``; the outcome holds estimates, or the named reasons why there are none. By a calibration for
+    another excitation or response nothing is judged.
     """
+    if (mismatch := _refuse_channels(windows[0], calibration)) is not None:
+        outcome = judge_measurement(windows, settings, None)
+        modal = outcome.modal if isinstance(outcome.modal, ModalMeasurement) else mismatch
+        return replace(outcome, modal=modal, preload=mismatch)
     calibrated = None if calibration is None else calibration.trace_polarity
     checked = cross_checked(windows, search_band(settings, calibration, windows[0])[0], calibrated)
     windows = checked.windows
@@ -195,6 +202,15 @@ def judge_measurement(
     if isinstance(preload, PreloadEstimate):  # first: what nothing else can be judged by
         preload = replace(preload, doubts=(*checked.doubts, *preload.doubts))
     return MeasurementOutcome(_warned(modal, checked.doubts), preload, friction)
+
+
+def _refuse_channels(window: Window, calibration: Calibration | None) -> Rejection | None:
+    """Return why a calibration does not hold for the channels of a window, or ``None``."""
+    if calibration is None:
+        return None
+    return refuse_other_channels(
+        calibration, window.excitation_source, window.excitation_quantity, window.response_quantity
+    )
 
 
 def _with_friction(modal: ModalMeasurement, friction: Friction) -> ModalMeasurement:

@@ -142,7 +142,7 @@ def estimate_preload(
     if not frequency.value > 0.0:
         raise OutsideValidityError(f"frequency must be positive; got {frequency.value} Hz")
     refusal = (
-        _refuse_other_channels(calibration, excitation_source, excitation_quantity, response_quantity)
+        refuse_other_channels(calibration, excitation_source, excitation_quantity, response_quantity)
         or _refuse_place(conditions.position, calibration.position)
         or _refuse_payload(conditions, calibration)
     )
@@ -325,7 +325,7 @@ def _new_each_time(frequency: Estimate, random_uncertainty: float | None) -> flo
     return min(random_uncertainty / frequency.standard_uncertainty, 1.0)
 
 
-def _refuse_other_channels(
+def refuse_other_channels(
     calibration: Calibration,
     source: ExcitationSource | None,
     quantity: ExcitationQuantity | None,
