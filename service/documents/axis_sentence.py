@@ -49,6 +49,7 @@ class AxisFacts:
     cleared: Cleared | None = None  # since then nothing was measured
     alert: AlertView | None = None
     alarm: OpenAlarm | None = None
+    changed_since: datetime | None = None  # several numbers together; None: they show no change
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +75,8 @@ def standing(facts: AxisFacts) -> Standing:
     if facts.state == "learning":
         text = N_("The baseline is being learnt. Until then only a preload that falls all the while raises an alarm.")
         return Standing(Said(text), Said("Measure on as usual, on different days, until the baseline is learnt."))
-    if facts.state == "alert":
-        return _alerted(facts.alert)
+    if facts.changed_since is not None or facts.state == "alert":
+        return _alerted(facts.alert) if facts.changed_since is None else _changed_together(facts.changed_since)
     return Standing(Said("No loss of preload is seen."), _GO_ON)
 
 
@@ -149,6 +150,14 @@ def alarm_sentence(onset: datetime, baseline: float | None, lost: float | None, 
         "the loss began about %(onset)s."
     )
     return Said(text, values)
+
+
+def _changed_together(since: datetime) -> Standing:
+    text = N_(
+        "Several numbers together have changed since %(day)s as when preload is lost; none alone raises an alarm."
+    )
+    step = N_("Measure at another position, check nut preload, lubrication and mounting.")
+    return Standing(Said(text, {"day": since}), Said(step))
 
 
 def _cleared(cleared: Cleared) -> Standing:

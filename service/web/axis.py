@@ -59,7 +59,7 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
         return page.show(
             "axis.html",
             axis=AxisOut.model_validate(status),
-            standing=standing(facts_of(status, overview, alarms, history.alert)),
+            standing=standing(facts_of(status, overview, alarms, history.alert, history.together)),
             last=status.last,
             history=history,
             rule=on.trend.paper_rule(status.row),

@@ -1,5 +1,6 @@
 """Numbers that are watched together: the fold over measurements, and what is said of it."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -9,6 +10,7 @@ from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
 from monitor_core.recording import Conditions
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
+from service.documents.axis_sentence import AxisFacts, standing
 from service.documents.together import together_view
 from service.operations.monitoring.intake.chart_state import dump_state, load_state
 from tests.test_end_to_end import bundled_calibration
@@ -55,3 +57,14 @@ def test_a_healthy_axis_is_said_to_show_no_change_and_one_without_friction_is_no
     alone = together_view(_fold(40, 99, (0.0, 0.0), friction=False).joint, DESIGN)
     assert alone.numbers == ()
     assert alone.sentence.startswith("not watched yet")
+
+
+def test_an_axis_whose_numbers_have_changed_together_is_not_told_that_nothing_is_to_be_done() -> None:
+    facts = AxisFacts(
+        state="normal", is_silent=False, heard_at=START, silent_after_hours=48.0, in_force=1, stored=1, last_at=START,
+        last_refused=None, preload=300.0, baseline=300.0,
+    )  # fmt: skip
+    assert standing(facts).sentence.text == "No loss of preload is seen."
+    changed = standing(replace(facts, changed_since=START))
+    assert changed.sentence.text.startswith("Several numbers together have changed")
+    assert changed.next_step.text.startswith("Measure at another position")

@@ -7,6 +7,7 @@ from pydantic import BaseModel
 from service.documents.axis_sentence import AxisFacts, Cleared, OpenAlarm
 from service.documents.history import AlertView
 from service.documents.measurement import read_evidence
+from service.documents.together import TogetherView
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.trend import AxisStatus
@@ -20,7 +21,11 @@ class _Cause(BaseModel):
 
 
 def facts_of(
-    status: AxisStatus, calibrations: CalibrationOverview, alarms: Sequence[AlarmView], alert: AlertView | None
+    status: AxisStatus,
+    calibrations: CalibrationOverview,
+    alarms: Sequence[AlarmView],
+    alert: AlertView | None,
+    together: TogetherView | None = None,
 ) -> AxisFacts:
     """Return what is known of an axis; its alarms come newest first."""
     row, last = status.row, status.last
@@ -38,6 +43,7 @@ def facts_of(
         cleared=_cleared(status, calibrations, alarms),
         alert=alert,
         alarm=open_alarm(alarms) if row.state == "alarm" else None,
+        changed_since=None if together is None or together.alarm is None else together.alarm.onset,
     )
 
 
