@@ -128,7 +128,7 @@ def _check_scale(window: Window, gate: QualityGate) -> Rejection | None:
     )
 
 
-#: A scale that moves by fewer steps rounds the motion itself: a sine of two steps' amplitude still lies 2 % off.
+#: A scale that moves by fewer steps rounds the motion itself, and what it makes of it is no noise.
 _FEWEST_STEPS = 4.0
 
 

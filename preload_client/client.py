@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 #: RFC 3339 with a zone, or a moment with one.
 Moment: TypeAlias = str | datetime
 _CHANNELS = ("excitation", "response", "position_trace_m")
+_COUNTED_FROM_ANYWHERE = ("displacement", "motor-angle", "relative-displacement")
 _SAFE = ("GET", "PUT", "DELETE")
 _LONGEST_PAUSE_S = 30.0
 #: An answer has at most so many bytes, a table that goes into a file so many; and a file may take so long.
@@ -259,7 +260,12 @@ def _written(moment: Moment | None) -> str | None:
 
 def _window(window: Document) -> dict[str, object]:
     started_at = cast(Moment, window["started_at"])
-    encoded = {name: _samples(window[name]) for name in _CHANNELS if window.get(name) is not None}
+    channels: dict[str, Any] = {name: window[name] for name in _CHANNELS if window.get(name) is not None}
+    response = channels.get("response")
+    if window.get("response_quantity") in _COUNTED_FROM_ANYWHERE and hasattr(response, "astype"):
+        exact = response.astype("f8")
+        channels["response"] = exact - exact[:1]  # what single precision leaves of half a metre is coarse
+    encoded = {name: _samples(samples) for name, samples in channels.items()}
     return {**window, "started_at": _written(started_at), **encoded}
 
 

@@ -1,0 +1,83 @@
+"""Windows of a control over HTTP: current and scale in, a frequency out; what does not fit is refused in a sentence."""
+
+import base64
+from datetime import timedelta
+
+import msgpack
+import numpy as np
+import pytest
+
+import preload_client.client
+from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, ResponseQuantity, Window
+from service.cli.remote.client import window_document
+from tests.plant.drive import Drive, quantised, run
+from tests.service.conftest import START, Api
+
+DRIVE = Drive(damping=5e-5)
+PLACE, PRELOAD = 0.4, 200.0
+
+
+@pytest.fixture(scope="module")
+def windows() -> list[Window]:
+    rng = np.random.default_rng(12)
+    log = run(DRIVE, PLACE, PRELOAD, n_windows=6, n_samples=2000, rng=rng, disturbance=1.0)
+    # counts from the end of the guide, where single precision would leave 30 nm
+    scale = quantised(0.5 + log.table, 1e-8, rng)
+    return [
+        Window(current, table, DRIVE.sample_rate, START + timedelta(seconds=3 * k), Conditions(PLACE), "log",
+               ExcitationQuantity.CURRENT, ExcitationSource.DRIVE, position_span=1e-3,
+               response_quantity=ResponseQuantity.DISPLACEMENT, response_resolution=1e-8)
+        for k, (current, table) in enumerate(zip(log.current, scale, strict=True))
+    ]  # fmt: skip
+
+
+def test_current_and_scale_are_posted_judged_and_shown(shared_api: Api, windows: list[Window]) -> None:
+    shared_api.register("cnc", search_band_hz=[90, 220])
+    body = {"windows": [window_document(window) for window in windows], "complete": True}
+    answer = shared_api.http.post(
+        "/v1/axes/cnc/windows", content=msgpack.packb(body), headers={"content-type": "application/msgpack"}
+    )
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["accepted"] == len(windows)
+    (outcome,) = answer.json()["measurements"]
+    assert outcome["reason"] == "not-calibrated"
+    (point,) = shared_api.trend("cnc")
+    truth = DRIVE.poles(PLACE, PRELOAD)[0]
+    assert point["frequency_hz"] == pytest.approx(truth, abs=4.0 * outcome["frequency_standard_uncertainty_hz"])
+    assert outcome["frequency_standard_uncertainty_hz"] < 1e-3 * truth
+    page = shared_api.http.get(f"/axes/cnc/measurements/{point['measurement_id']}")
+    assert page.status_code == 200
+    assert "Displacement, m" in page.text
+    assert "Current, A" in page.text
+    table = shared_api.http.get(
+        f"/v1/axes/cnc/measurements/{point['measurement_id']}/windows", params={"format": "csv"}
+    ).text
+    assert table.splitlines()[0] == "window,time_s,current_a,displacement_m"
+
+
+def test_a_unit_that_is_not_of_the_quantity_is_refused(shared_api: Api, windows: list[Window]) -> None:
+    shared_api.register("cnc-2")
+    for changed, sentence in (
+        ({"response_unit": "m/s2"}, "response_unit of a displacement must be m; got m/s2"),
+        ({"excitation_unit": "N.m"}, "excitation_unit of a current must be A; got N.m"),
+    ):
+        document = window_document(windows[0]) | changed
+        answer = shared_api.http.post(
+            "/v1/axes/cnc-2/windows", content=msgpack.packb(document), headers={"content-type": "application/msgpack"}
+        )
+        assert answer.status_code == 422
+        assert sentence in answer.text
+
+
+def test_the_client_sends_a_position_from_its_first_sample_on(windows: list[Window]) -> None:
+    scale = windows[0].response
+    sent = preload_client.client._window(
+        {
+            "started_at": START,
+            "response": scale,
+            "response_quantity": "displacement",
+            "excitation": windows[0].excitation,
+        }
+    )
+    decoded = np.frombuffer(base64.b64decode(sent["response"]), "<f4")
+    assert np.abs(decoded - (scale - scale[0])).max() < 1e-10
