@@ -261,7 +261,7 @@ def _written(moment: Moment | None) -> str | None:
 def _window(window: Document) -> dict[str, object]:
     started_at = cast(Moment, window["started_at"])
     channels: dict[str, Any] = {name: window[name] for name in _CHANNELS if window.get(name) is not None}
-    response = channels.get("response")
+    response: Any = channels.get("response")
     if window.get("response_quantity") in _COUNTED_FROM_ANYWHERE and hasattr(response, "astype"):
         exact = response.astype("f8")
         channels["response"] = exact - exact[:1]  # what single precision leaves of half a metre is coarse
