@@ -17,6 +17,7 @@ from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.inspection import ChannelSummary
 from monitor_core.recordings.raw.proposal.entries import MapProposal
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
+from monitor_core.recordings.raw.proposal.parts import Made
 from monitor_core.recordings.recognition import KINDS, SESSION
 from monitor_core.recordings.session_hdf5 import open_session
 from service.cli.options import json_option
@@ -197,14 +198,18 @@ def _print(file: Path, report: FileReport, map_path: Path | None, written: Seque
     for path in written:
         print_line(f"Written: {path}")
     if map_path is not None and map_path in written:
-        print_line(f"Next: {_step_with_map(report, map_path, n_places)}")
+        print_line(f"Next: {_step_with_map(file, report, map_path, n_places)}")
 
 
-def _step_with_map(report: FileReport, map_path: Path, n_places: int) -> str:
+def _step_with_map(file: Path, report: FileReport, map_path: Path, n_places: int) -> str:
     marked = "its marked place" if n_places == 1 else f"its {n_places} marked places"
     places = f"fill in {marked}, look at what is marked to confirm" if n_places else "look at it"
     (use,) = report.uses
-    return f"{places}, then {use.line.replace('--map MAP', f'--map {shlex.quote(str(map_path))}')}"
+    with_map = f"--map {shlex.quote(str(map_path))}"
+    step = f"{places}, then {use.line.replace('--map MAP', with_map)}"
+    if not use.line.endswith(Made.SESSION):
+        return step
+    return f"{step}, or at once preload frf {shlex.quote(str(file))} {with_map}"
 
 
 def _facts(report: FileReport) -> Iterator[str]:
