@@ -260,8 +260,9 @@ def alarms_of_many(row: str, seed: int, years: int, axes: list[int]) -> list[lis
     alarms, watched = np.zeros((years, len(axes)), dtype=int), np.zeros((years * DAYS + 20, len(axes)), dtype=bool)
     for at, *rest in zip(*measured, strict=True):
         day = int(at[0] // 86400.0)
+        before = charts.watching.copy()
         alarmed = charts.step(at[0], *rest)
-        watched[day] |= charts.watching | alarmed
+        watched[day] |= charts.watching | (alarmed & before)
         alarms[min(max(day - 20, 0) // DAYS, years - 1)] += alarmed
     of_year = watched.astype(int)
     of_year[20] += of_year[:20].sum(axis=0)  # the days that were watched before the first year begins are of it
