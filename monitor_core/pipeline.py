@@ -3,7 +3,7 @@
 ::
 
     check_window       one window            → Rejection | None
-    judge_measurement  windows of one place  → mode → preload feature → newtons with interval; friction
+    judge_measurement  windows of one place  → mode → preload feature → newtons with interval, if calibrated; friction
     advance            axis state, outcome   → axis state (baseline, charts, alarm)
 """
 
@@ -13,18 +13,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 
+import scipy
+
 from monitor_core.cross_checks import cross_checked, refuse_wraps
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, calibrate_phase, measure_mode
 from monitor_core.preload import (
     Calibration,
     CoefficientPrior,
+    ConditionLaw,
     ModalReading,
     PreloadEstimate,
+    SessionSums,
     Weighting,
     calibrate,
     estimate_preload,
     expected_band,
+    learn_law,
     systematic_uncertainty_between,
     with_history,
 )
@@ -43,10 +48,12 @@ from monitor_core.trend import (
     JointState,
     LossDirection,
     Observation,
+    Session,
     joint_step,
     step,
 )
-from monitor_core.trend.observation import SESSION
+from monitor_core.trend.detector import SUDDEN_LIMIT
+from monitor_core.trend.observation import DEAD_ZONE, SESSION
 from monitor_core.uncertainty import Estimate
 
 #: Without a calibration and a stated band the mode is looked for between these shares of the sampling rate: below the
@@ -76,24 +83,31 @@ class MeasurementOutcome:
     """Outcome of one measurement."""
 
     modal: ModalMeasurement | Rejection
-    preload: PreloadEstimate | Rejection
+    preload: PreloadEstimate | Rejection | None  # None: no calibration is in force, and the frequency alone is watched
     friction: Friction | Rejection
+    doubts: tuple[Doubt, ...] = ()  # of the windows themselves; those of a preload stand with it, too
 
     @property
     def refusal(self) -> Rejection | None:
-        """Why there is no preload, the earliest reason first."""
+        """Why there is neither preload nor frequency, the earliest reason first."""
         return next((answer for answer in (self.modal, self.preload) if isinstance(answer, Rejection)), None)
 
 
 @dataclass(frozen=True, slots=True)
 class AxisState:
-    """Where an axis stands: its charts, the conditions of their baseline, and the places of the session."""
+    """Where an axis stands: its charts, the conditions of their baseline, and the places of the session.
+
+    Without a calibration the charts watch 1/f² at the mean conditions of the baseline: ``law`` brings it there. Until
+    it is learnt, with the baseline, ``sums`` hold what the sessions so far say of it, in their order.
+    """
 
     detector: DetectorState = field(default_factory=DetectorState)
     baseline_conditions: tuple[Conditions, ...] = ()
     places: Places = field(default_factory=Places)  # of the session that is going on
     places_since: datetime | None = None  # when it began
     joint: JointState = field(default_factory=JointState)  # of the numbers that are watched together
+    law: ConditionLaw | None = None
+    sums: tuple[SessionSums, ...] = ()
 
 
 def search_band(settings: AxisSettings, calibration: Calibration | None, window: Window) -> tuple[float, float]:
@@ -173,9 +187,9 @@ def judge_measurement(
     """Average the accepted windows of one measurement, find the mode, and turn it into a preload.
 
     The windows, at least one, are those of one measurement at one position that :func:`check_window` accepts, by this
-    calibration or by one before it. Without a calibration the mode is measured and the preload refused as
-    ``not-calibrated``; the outcome holds estimates, or the named reasons why there are none. By a calibration for
-    another excitation or response nothing is judged.
+    calibration or by one before it. Without a calibration the mode is measured, and no preload stands beside it; the
+    outcome holds estimates, or the named reasons why there are none. By a calibration for another excitation or
+    response nothing is judged.
     """
     if (mismatch := _refuse_channels(windows[0], calibration)) is not None:
         outcome = judge_measurement(windows, settings, None)
@@ -201,7 +215,7 @@ def judge_measurement(
         modal, preload = both or (modal, preload)
     if isinstance(preload, PreloadEstimate):  # first: what nothing else can be judged by
         preload = replace(preload, doubts=(*checked.doubts, *preload.doubts))
-    return MeasurementOutcome(_warned(modal, checked.doubts), preload, friction)
+    return MeasurementOutcome(_warned(modal, checked.doubts), preload, friction, checked.doubts)
 
 
 def _refuse_channels(window: Window, calibration: Calibration | None) -> Rejection | None:
@@ -229,12 +243,14 @@ _SIGNS_OF_TWO_MODES = (
 )
 
 
-def _may_be_two_modes(modal: ModalMeasurement | Rejection, preload: PreloadEstimate | Rejection) -> bool:
+def _may_be_two_modes(modal: ModalMeasurement | Rejection, preload: PreloadEstimate | Rejection | None) -> bool:
     """Tell whether one mode explains a measurement less well than it did the calibration."""
     if isinstance(modal, Rejection):
         return modal.reason in _SIGNS_OF_TWO_MODES
     if modal.leaves_response:
         return True
+    if preload is None:
+        return False
     reasons = (preload.reason,) if isinstance(preload, Rejection) else tuple(doubt.reason for doubt in preload.doubts)
     return any(reason in _SIGNS_OF_TWO_MODES for reason in reasons)
 
@@ -245,7 +261,7 @@ def _with_second_mode(
     settings: AxisSettings,
     calibration: Calibration,
     friction: Friction | Rejection,
-) -> tuple[ModalMeasurement, PreloadEstimate | Rejection] | None:
+) -> tuple[ModalMeasurement, PreloadEstimate | Rejection | None] | None:
     """Measure once more with two modes; where the data require them, half of what that moves joins the uncertainty."""
     band = search_band(settings, calibration, windows[0])
     both = measure_mode(windows, band=band, gate=settings.mode, phase=calibration.phase_reference, maximum_modes=2)
@@ -257,7 +273,7 @@ def _with_second_mode(
     both = replace(both, mode=replace(both.mode, frequency=wider))
     both = _with_friction(both, friction) if isinstance(friction, Friction) else both
     estimate = _preload(both, windows[0], calibration)
-    if isinstance(estimate, Rejection):
+    if not isinstance(estimate, PreloadEstimate):
         return both, estimate
     doubt = Doubt(
         DoubtReason.SECOND_MODE,
@@ -269,11 +285,11 @@ def _with_second_mode(
 
 def _preload(
     modal: ModalMeasurement | Rejection, window: Window, calibration: Calibration | None
-) -> PreloadEstimate | Rejection:
+) -> PreloadEstimate | Rejection | None:
     if isinstance(modal, Rejection):
         return modal
     if calibration is None:
-        return Rejection(RejectionReason.NOT_CALIBRATED, "no calibration is in force: activate one for this axis")
+        return None
     return estimate_preload(
         modal.mode.frequency,
         modal.conditions,
@@ -303,26 +319,32 @@ def witnesses_of(modal: ModalMeasurement) -> dict[WitnessName, float]:
 
 
 def advance(
-    state: AxisState, outcome: MeasurementOutcome, at: datetime, *, calibration: Calibration, design: DetectorDesign
-) -> AxisState:
+    state: AxisState, outcome: MeasurementOutcome, at: datetime, *, calibration: Calibration | None,
+    design: DetectorDesign,
+) -> AxisState:  # fmt: skip
     """Carry the state of an axis over one measurement.
 
     A refused measurement changes nothing; nor does one whose preload was set on purpose, which tells nothing about
-    wear. What is watched is the preload feature: it is nearly normally distributed where newtons
-    are not.
+    wear. What is watched is the preload feature, which is nearly normally distributed where newtons are not; without a
+    calibration it is 1/f².
     """
     if isinstance(outcome.preload, Rejection) or isinstance(outcome.modal, Rejection):
         return state
     friction = None if isinstance(outcome.friction, Rejection) else outcome.friction.torque.value
+    conditions = outcome.modal.conditions
+    if outcome.preload is None or calibration is None:
+        feature = inverse_square(outcome.modal.mode.frequency)
+        charted = ChartedFeature(at, feature, conditions, friction, bool(outcome.doubts))
+        return advance_feature(state, charted, calibration=None, design=design)
     return advance_estimate(
-        state,
-        outcome.preload,
-        outcome.modal.conditions,
-        at,
-        friction_torque=friction,
-        calibration=calibration,
-        design=design,
+        state, outcome.preload, conditions, at, friction_torque=friction, calibration=calibration, design=design
     )
+
+
+def inverse_square(frequency: Estimate) -> Estimate:
+    """Return 1/f² of a frequency [Hz]: what is watched without a calibration [s²]."""
+    f = frequency.value
+    return Estimate(f**-2.0, 2.0 * frequency.standard_uncertainty * f**-3.0)
 
 
 def advance_estimate(
@@ -345,7 +367,7 @@ def advance_estimate(
 
 @dataclass(frozen=True, slots=True)
 class ChartedFeature:
-    """A preload feature for the charts, as measured or as stored."""
+    """A preload feature for the charts, as measured or as stored; without a calibration it is 1/f²."""
 
     at: datetime
     feature: Estimate  # with its own standard uncertainty [s²]
@@ -361,7 +383,7 @@ MOST_CONDITIONS = 40
 
 
 def advance_feature(
-    state: AxisState, charted: ChartedFeature, *, calibration: Calibration, design: DetectorDesign
+    state: AxisState, charted: ChartedFeature, *, calibration: Calibration | None, design: DetectorDesign
 ) -> AxisState:
     """Carry the state of an axis over one preload feature.
 
@@ -369,33 +391,40 @@ def advance_feature(
     by folding again from there. A session whose places contradict each other is in doubt from the measurement on that
     shows it.
     """
-    conditions, feature = charted.conditions, charted.feature
+    conditions = charted.conditions
     if conditions.preload is not None:
         return state
     learning = state.detector.known is None
-    systematic = (
-        0.0
-        if learning
-        else systematic_uncertainty_between(feature.value, conditions, state.baseline_conditions, calibration)
-    )
+    if calibration is not None:
+        value, systematic = charted.feature.value, 0.0
+        if not learning:
+            systematic = systematic_uncertainty_between(value, conditions, state.baseline_conditions, calibration)
+    else:
+        state, value, systematic = _by_own_law(state, charted)
     places, since = _places_with(state, charted)
     observation = Observation(
         charted.at,
-        feature.value,
-        feature.standard_uncertainty,
+        value,
+        charted.feature.standard_uncertainty,
         systematic,
         temperature=conditions.temperature,
         friction_torque=charted.friction_torque,
         in_doubt=charted.in_doubt or places.disagreement is not None,
         lubricated=charted.lubricated,
     )
+    detector = step(state.detector, observation, design)
     remembered = (*state.baseline_conditions, conditions)[-MOST_CONDITIONS:]
-    return AxisState(
-        detector=step(state.detector, observation, design),
+    return replace(
+        state,
+        detector=detector,
         baseline_conditions=remembered if learning else state.baseline_conditions,
         places=places,
         places_since=since,
-        joint=joint_step(state.joint, _numbers_of(charted, observation), design, WATCHED_TOGETHER),
+        # what a law that is still being learnt makes of it is no number to learn from
+        joint=state.joint
+        if state.sums
+        else joint_step(state.joint, _numbers_of(charted, observation), design, WATCHED_TOGETHER),
+        sums=() if detector.known is not None else state.sums,
     )
 
 
@@ -409,6 +438,67 @@ def _numbers_of(charted: ChartedFeature, observation: Observation) -> JointObser
     if charted.friction_torque is not None and charted.friction_torque > 0.0:
         numbers["friction-torque"] = math.log(charted.friction_torque)
     return JointObservation(charted.at, numbers, observation.temperature, observation.in_doubt, observation.lubricated)
+
+
+def _by_own_law(state: AxisState, charted: ChartedFeature) -> tuple[AxisState, float, float]:
+    """Bring 1/f² to the mean conditions of the baseline; return it with what the law leaves open, both in s².
+
+    While the baseline is learnt for the first time, so is the law: with each measurement all sessions so far are
+    brought to their mean conditions anew. Then it stands, as long as what was learnt does.
+    """
+    feature, conditions, detector = charted.feature, charted.conditions, state.detector
+    law = state.law
+    if law is None or (state.sums and detector.alarm is None):  # of one that falls nothing more is learnt
+        sums, variance = state.sums, feature.standard_uncertainty**2
+        goes_on = detector.session is not None and detector.session.takes(charted.at)
+        of_session = sums[-1] if goes_on and sums else SessionSums()
+        before = sums[:-1] if goes_on else sums
+        sums = (*before, of_session.with_measurement(feature.value, variance, conditions))
+        law = learn_law(sums)
+        sessions = [*detector.learning, *([] if detector.session is None else [detector.session])]
+        brought = [_brought(session, law, each) for session, each in zip(sessions, state.sums, strict=True)]
+        session = brought.pop() if detector.session is not None else None
+        state = replace(state, law=law, sums=sums, detector=replace(detector, learning=tuple(brought), session=session))
+    systematic = 0.0
+    if state.detector.known is not None:
+        systematic = law.uncertainty_between(conditions, state.baseline_conditions)
+    return state, feature.value - law.shift(conditions), systematic
+
+
+def _brought(session: Session, law: ConditionLaw, sums: SessionSums) -> Session:
+    value, squares = law.at_reference(sums)
+    return replace(session, value=value, squares=squares)
+
+
+def expected_frequency(state: AxisState, conditions: Conditions) -> Estimate | None:
+    """Return the frequency that one more session of the healthy axis would show, without a calibration [Hz].
+
+    Its standard uncertainty holds the scatter between sessions, the level and the law, enlarged so that 1.96 times it
+    covers 95 %. ``None`` as long as the baseline is learnt, or where the law gives no frequency.
+    """
+    baseline, law = state.detector.baseline, state.law
+    if baseline is None or law is None:
+        return None
+    feature = baseline.mean + law.shift(conditions)
+    if not feature > 0.0:
+        return None
+    few = float(scipy.special.stdtrit(baseline.degrees_of_freedom, 0.975) / scipy.special.ndtri(0.975))
+    of_law = law.uncertainty_between(conditions, state.baseline_conditions)
+    scatter = few * math.hypot(baseline.scatter, baseline.standard_uncertainty, of_law)
+    return Estimate(feature**-0.5, 0.5 * scatter * feature**-1.5)
+
+
+def charts_see(state: AxisState, conditions: Conditions) -> bool:
+    """Tell whether charts without a calibration can see a loss under some conditions.
+
+    They cannot where what the law of the axis leaves open is as large as a loss that alarms at once: at places or
+    payloads that its baseline has not seen, and nothing else tells of.
+    """
+    baseline = state.detector.baseline
+    if state.law is None or baseline is None:
+        return True
+    open_to = DEAD_ZONE * state.law.uncertainty_between(conditions, state.baseline_conditions)
+    return open_to <= SUDDEN_LIMIT * baseline.scatter
 
 
 #: What the sessions of an axis have in common lasts so long: a mounting, a lubrication.

@@ -80,7 +80,7 @@ def judge_session(
 ) -> Iterator[SessionMeasurement]:
     """Judge the measurements of a session one after another.
 
-    Without a calibration modes are measured, and preloads refused as ``not-calibrated``.
+    Without a calibration modes are measured, and no preload.
     """
     for gated in gate_session(session, settings, calibration):
         if gated.accepted:

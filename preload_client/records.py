@@ -26,7 +26,7 @@ class Axis(TypedDict):
 
 
 class TrendPoint(TypedDict):
-    """One measurement: a preload with its 95 % coverage interval, or the reason why there is none."""
+    """One measurement: a preload with its interval, without a calibration the fall of its frequency, or a refusal."""
 
     measurement_id: int
     measurement: str
@@ -43,6 +43,8 @@ class TrendPoint(TypedDict):
     uncharted: str | None
     calibration: int | None
     doubt: str | None
+    frequency_fall_percent: float | None
+    frequency_fall_interval_95_percent: tuple[float | None, float | None] | None
 
 
 class WindowStatus(TypedDict):

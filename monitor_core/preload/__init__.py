@@ -51,4 +51,12 @@ from monitor_core.preload.prior import (
     calibration_from_prior as calibration_from_prior,
     prior_from_calibration as prior_from_calibration,
 )
+from monitor_core.preload.relative import (
+    UNSTATED_SHARE as UNSTATED_SHARE,
+    ConditionLaw as ConditionLaw,
+    SessionSums as SessionSums,
+    learn_law as learn_law,
+    preload_lost as preload_lost,
+    preload_lost_interval as preload_lost_interval,
+)
 from monitor_core.preload.verification import verify_calibration as verify_calibration

@@ -474,7 +474,7 @@ def widened_ends(
     ends: tuple[Real, Real], preload: Real, feature: Real, excess: Real, level: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
     """Return both ends of one interval or of many as :func:`widened` has them; an open end is infinite [N]."""
-    with np.errstate(divide="ignore"):  # an end at zero
+    with np.errstate(divide="ignore", over="ignore"):  # an end at zero, or next to it
         theta, most, least = np.cbrt(1.0 / preload), *(np.cbrt(np.divide(1.0, end)) for end in ends)
         squared = scipy.special.ndtri(0.5 * (1.0 + level)) ** 2 * excess * (theta / feature) ** 2
         high = theta + np.sqrt(np.maximum((most - theta) ** 2 + squared, 0.0))

@@ -175,8 +175,13 @@ def get_calibration(axis: AxisId, calibration: RowId, services: ServicesOf) -> C
 def activate_calibration(
     axis: AxisId, calibration: RowId, body: ActivationIn, request: Request, services: ServicesOf
 ) -> CalibrationsOut:
-    """Put a calibration in force. It starts a new baseline; `If-Match: "<id>"` guards against a change in between."""
-    services.calibrations.activate(axis, calibration, body.reason, expected_active=request.headers.get("if-match"))
+    """Put a calibration in force. It starts a new baseline; `If-Match: "<id>"` guards against a change in between.
+
+    Where the axis was watched without a calibration, a job judges that history by it: alarms stay the same ones.
+    """
+    expected = request.headers.get("if-match")
+    if services.calibrations.activate(axis, calibration, body.reason, expected_active=expected):
+        services.rejudgements.start(axis, RejudgementIn(calibration=calibration, reason=body.reason))
     return calibrations_out(services.calibrations.overview(axis))
 
 

@@ -192,6 +192,8 @@ def get_evidence(axis: AxisId, measurement: RowId, services: ServicesOf) -> Evid
 def judgement_out(judgement: OtherJudgement) -> JudgementOut:
     """Return what a calibration says on the wire."""
     estimate, refusal = judgement.outcome.preload, judgement.outcome.refusal
+    if estimate is None:
+        raise AssertionError("what a calibration says is a preload, or a refusal")
     if isinstance(estimate, Rejection):
         reason = estimate.reason if refusal is None else refusal.reason
         return JudgementOut(

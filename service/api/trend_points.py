@@ -16,7 +16,7 @@ from service.api.access import needs
 from service.api.axes import StaleOut
 from service.api.http.tables import TABLE_CONTENT, TableQuery, columns_of, table
 from service.api.services import Services, ServicesOf
-from service.documents.measurement import ends_of
+from service.documents.measurement import ends_of, falls_of
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment
@@ -48,6 +48,10 @@ class TrendPointOut(BaseModel):
     uncharted: Annotated[str | None, Field(description="why an accepted measurement moved no chart")]
     calibration: Annotated[int | None, Field(description="by which it was judged")]
     doubt: Annotated[str | None, Field(description="what speaks against the preload; its measurement says it in words")]
+    frequency_fall_percent: Annotated[
+        float | None, Field(description="without a calibration: below the frequency of the healthy axis there")
+    ] = None
+    frequency_fall_interval_95_percent: tuple[float | None, float | None] | None = None
 
 
 class TrendOut(BaseModel):
@@ -142,6 +146,7 @@ def _written(at_us: Sequence[int]) -> list[str]:
 
 def _columns(told: ToldColumns, at: Sequence[datetime | str]) -> Columns:
     of_session, (lower, upper) = str(DoubtReason.PLACES_DISAGREE), ends_of(told)
+    fall, least, most = falls_of(told)
     return {
         "measurement_id": told.measurement_id,
         "measurement": told.name,
@@ -162,15 +167,20 @@ def _columns(told: ToldColumns, at: Sequence[datetime | str]) -> Columns:
             own or (None if places is None else of_session)
             for own, places in zip(told.doubt, told.places_disagree, strict=True)
         ],
+        "frequency_fall_percent": fall,
+        "frequency_fall_interval_95_percent.lower": least,
+        "frequency_fall_interval_95_percent.upper": most,
     }
 
 
 def _points(columns: Columns) -> list[dict[str, object]]:
     """Return what each measurement is told by: the members of TrendPointOut."""
-    ends = zip(columns.pop("interval_95_n.lower"), columns.pop("interval_95_n.upper"), strict=True)
-    columns["interval_95_n"] = [
-        None if preload is None else both for preload, both in zip(columns["preload_n"], ends, strict=True)
-    ]
+    for interval, of in (
+        ("interval_95_n", "preload_n"),
+        ("frequency_fall_interval_95_percent", "frequency_fall_percent"),
+    ):
+        ends = zip(columns.pop(f"{interval}.lower"), columns.pop(f"{interval}.upper"), strict=True)
+        columns[interval] = [None if value is None else both for value, both in zip(columns[of], ends, strict=True)]
     values = [columns[name] for name in TrendPointOut.model_fields]
     return [dict(zip(TrendPointOut.model_fields, row, strict=True)) for row in zip(*values, strict=True)]
 

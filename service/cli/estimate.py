@@ -86,10 +86,10 @@ def _of_session(data: Data, calibration: Calibration) -> list[_Estimated]:
             refused = Counter(str(rejection.reason) for rejection in item.refused_windows)
             if not isinstance(modal, Rejection):
                 refused.update(str(rejection.reason) for _, rejection in modal.refused_windows)
-            friction = friction_document(item.outcome.friction)
-            estimates.append(
-                _Estimated(item.name, position_mm, frequency, item.outcome.preload, warnings, refused, friction)
-            )
+            friction, preload = friction_document(item.outcome.friction), item.outcome.preload
+            if preload is None:
+                raise AssertionError("by a calibration there is a preload, or a refusal")
+            estimates.append(_Estimated(item.name, position_mm, frequency, preload, warnings, refused, friction))
     return estimates
 
 

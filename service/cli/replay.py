@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from monitor_core.recording import RejectionReason
 from monitor_core.session import RecordedMeasurements
 from service.cli.inputs.data import DataKind, data_argument, data_of, map_option, opened_session
 from service.cli.options import json_option, url_option
@@ -66,7 +65,4 @@ def _sentence(posted: Posted) -> str:
     windows = ", ".join(f"{name.replace('_', ' ')}: {value}" for name, value in asdict(posted.windows).items())
     reasons = ", ".join(f"{number} {reason}" for reason, number in posted.measurements_refused.most_common())
     refused = posted.measurements_refused.total()
-    sentence = f"{windows}; measurements: {posted.measurements}, refused: {refused}{reasons and f' ({reasons})'}"
-    if posted.measurements_refused[RejectionReason.NOT_CALIBRATED]:
-        sentence += "\nnot-calibrated ones stay so: activate a calibration, then replay under the name of another axis"
-    return sentence
+    return f"{windows}; measurements: {posted.measurements}, refused: {refused}{reasons and f' ({reasons})'}"

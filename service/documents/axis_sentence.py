@@ -6,8 +6,9 @@ Texts are English with named places for values; a page puts them into its own la
 from dataclasses import dataclass
 from datetime import datetime
 
+from service.documents.frequency_fall import FrequencyFall, fall_sentence
 from service.documents.history import AlertView
-from service.documents.measurement import Loss
+from service.documents.measurement import AlarmEvidence, Loss
 from service.documents.said import N_, Said, Value
 
 
@@ -25,11 +26,12 @@ class OpenAlarm:
     """An alarm that stands: since when preload is being lost, and who has seen it."""
 
     onset: datetime
-    baseline: float | None  # [N]
+    baseline: float | None  # [N]; None without a calibration
     owner: str | None
     acknowledged_at: datetime | None
     other_cause: str | None = None  # what was examined says that it is not the preload
     loss: Loss | None = None  # of a preload that falls while its baseline is learnt
+    fall: FrequencyFall | None = None  # of the frequency when it was raised, without a calibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ class AxisFacts:
     alert: AlertView | None = None
     alarm: OpenAlarm | None = None
     changed_since: datetime | None = None  # several numbers together; None: they show no change
+    fall: FrequencyFall | None = None  # of the last measurement, without a calibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +64,15 @@ class Standing:
 
 
 _MEASURE = Said("Measure the axis: windows of motor torque and nut acceleration, at a position of the calibration.")
+_MEASURE_FIRST = Said(
+    N_("Measure the axis: from the first measurement on its frequency is watched, and a calibration adds newtons.")
+)
 _GO_ON = Said("Nothing is to be done. Go on measuring.")
+_CALIBRATE = N_("Go on measuring. A calibration, of three positions and one known preload or more, would add newtons.")
 
 
 def standing(facts: AxisFacts) -> Standing:
     """Return how an axis stands, and what to do next."""
-    if facts.in_force is None:
-        return _uncalibrated(facts)
     if facts.alarm is not None:
         return _alarmed(facts, facts.alarm)
     if facts.is_silent or facts.state == "unknown":
@@ -77,28 +82,42 @@ def standing(facts: AxisFacts) -> Standing:
         return Standing(Said(text), Said("Measure on as usual, on different days, until the baseline is learnt."))
     if facts.changed_since is not None or facts.state == "alert":
         return _alerted(facts.alert) if facts.changed_since is None else _changed_together(facts.changed_since)
+    if facts.in_force is None:
+        text = N_("No loss is seen: the natural frequency is as it was learnt, at the same place.")
+        return Standing(Said(text), _to_newtons(facts))
     return Standing(Said("No loss of preload is seen."), _GO_ON)
+
+
+def _to_newtons(facts: AxisFacts) -> Said:
+    """Say what a calibration would add to an axis without one."""
+    if facts.stored is None:
+        return Said(_CALIBRATE)
+    text = N_("Look at calibration %(number)s and activate it: what was measured is judged anew, in newtons.")
+    return Said(text, {"number": str(facts.stored)})
 
 
 def _unknown(facts: AxisFacts) -> Standing:
     if facts.last_at is None:
-        return Standing(Said("Nothing was measured yet, so nothing is known about the preload."), _MEASURE)
+        step = _MEASURE_FIRST if facts.in_force is None else _MEASURE
+        return Standing(Said("Nothing was measured yet, so nothing is known about the preload."), step)
     if facts.cleared is not None:
         return _cleared(facts.cleared)
     if facts.is_silent and facts.heard_at is not None:
         return _silent(facts, facts.heard_at)
-    return _unheard(facts)
+    return _uncalibrated(facts) if facts.in_force is None else _unheard(facts)
 
 
 def _uncalibrated(facts: AxisFacts) -> Standing:
-    if facts.stored is None:
-        text = N_("Nothing can be said about the preload: the axis is not calibrated.")
-        step = N_("Calibrate it: measure at three positions or more, with two known preloads or more.")
-        return Standing(Said(text), Said(step))
-    text = N_("Nothing can be said about the preload: calibration %(number)s is stored, and none is in force.")
-    step = N_("Look at calibration %(number)s and activate it. Measurements judged before stay refused.")
-    number = {"number": str(facts.stored)}
-    return Standing(Said(text, number), Said(step, number))
+    """Nothing that was measured says how a healthy axis of its own preload is: refused, or with the preload set."""
+    if facts.stored is not None:
+        text = N_("Nothing can be said about the preload: calibration %(number)s is stored, and none is in force.")
+        return Standing(Said(text, {"number": str(facts.stored)}), _to_newtons(facts))
+    if facts.last_refused is not None:
+        text = N_("Nothing is known about the preload: no measurement was accepted yet.")
+        return Standing(Said(text), Said("See below why measurements are refused, and measure again."))
+    text = N_("Nothing can be said about the preload yet: all that was measured had its preload set on purpose.")
+    step = N_("Calibrate the axis with it, or measure as it is: then its frequency is watched.")
+    return Standing(Said(text), Said(step))
 
 
 def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
@@ -113,6 +132,8 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
     if alarm.other_cause is not None:
         text = N_("Since %(day)s the frequency is lower, as when preload is lost. What was measured says: %(cause)s.")
         sentence = Said(text, values | {"cause": alarm.other_cause})
+    elif (fall := facts.fall if facts.fall is not None and facts.fall.is_evident else alarm.fall) is not None:
+        sentence = fall_sentence(fall, alarm.onset)
     elif lost is not None and lost > 0.0 and facts.last_at is not None:
         days = (facts.last_at - alarm.onset).total_seconds() / 86400.0
         text = N_("%(lost)s N of preload were lost since %(day)s.")
@@ -120,7 +141,10 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
             text = N_("%(lost)s N of preload were lost since %(day)s, about %(rate)s N a day.")
         sentence = Said(text, values | {"lost": round(lost), "rate": lost / max(days, 1.0)})
     else:
-        sentence = Said("Preload is lower than the baseline since %(day)s.", values)
+        text = N_("Preload is lower than the baseline since %(day)s.")
+        if facts.in_force is None:
+            text = N_("The natural frequency is lower than the baseline since %(day)s.")
+        sentence = Said(text, values)
     if facts.is_silent and facts.heard_at is not None:
         step = N_(
             "Nothing was accepted since %(day)s: see that the axis is measured, then check nut preload and lubrication."
@@ -139,9 +163,14 @@ def falls_while_learning(onset: datetime, loss: Loss) -> Said:
     return Said(text, {"lost": loss.percent, "half": loss.half_width, "day": onset, "until": loss.until})
 
 
-def alarm_sentence(onset: datetime, baseline: float | None, lost: float | None, at: datetime, axis: str) -> Said:
-    """Return what happened when an alarm was raised: by how much its session lay below the baseline [N]."""
-    values: dict[str, Value] = {"axis": axis, "onset": onset, "day": at}
+def alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:
+    """Return what happened when an alarm was raised: by how much its session lay below the baseline."""
+    if evidence.fall is not None:
+        return fall_sentence(evidence.fall, evidence.onset)
+    if evidence.loss is not None:
+        return falls_while_learning(evidence.onset, evidence.loss)
+    baseline, lost = evidence.baseline_preload_n, evidence.preload_loss_n
+    values: dict[str, Value] = {"axis": axis, "onset": evidence.onset, "day": evidence.at}
     if baseline is None or lost is None:
         return Said("The preload of %(axis)s fell below its baseline since %(onset)s; the alarm is of %(day)s.", values)
     values |= {"lost": round(lost), "preload": round(baseline) - round(lost), "baseline": round(baseline)}
@@ -192,7 +221,9 @@ def _alerted(alert: AlertView | None) -> Standing:
     again = Said("Measure again, at another position too.")
     if alert is None:
         return Standing(Said("The last measurements are off the baseline by more than chance explains well."), again)
-    values: dict[str, Value] = {"day": alert.since, "change": round(abs(alert.mean_change_n))}
+    if alert.mean_change_percent is not None:
+        return _alerted_in_percent(alert, alert.mean_change_percent, again)
+    values: dict[str, Value] = {"day": alert.since, "change": round(abs(alert.mean_change_n or 0.0))}
     if alert.direction == "rise":
         text = N_("Since %(day)s the preload is %(change)s N above the baseline on average. That is no loss.")
         step = N_(
@@ -200,4 +231,18 @@ def _alerted(alert: AlertView | None) -> Standing:
         )
         return Standing(Said(text, values), Said(step))
     text = N_("Since %(day)s the preload is %(change)s N below the baseline on average, not enough for an alarm.")
+    return Standing(Said(text, values), again)
+
+
+def _alerted_in_percent(alert: AlertView, change: float, again: Said) -> Standing:
+    values: dict[str, Value] = {"day": alert.since, "change": abs(change)}
+    if alert.direction == "rise":
+        text = N_(
+            "Since %(day)s the natural frequency is %(change)s %% above the baseline on average. That is no loss."
+        )
+        step = N_("Are payload, temperature and position as stated, was the machine worked on?")
+        return Standing(Said(text, values), Said(step))
+    text = N_(
+        "Since %(day)s the natural frequency is %(change)s %% below the baseline on average, not enough for an alarm."
+    )
     return Standing(Said(text, values), again)

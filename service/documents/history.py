@@ -3,6 +3,7 @@
 These records are what the pages show and what the API sends.
 """
 
+import math
 from datetime import datetime
 from typing import Literal
 
@@ -28,8 +29,8 @@ class LentBySisters(_View):
 class BaselineView(_View):
     """What is normal: mean, and the 95 % prediction interval of one more healthy session."""
 
-    preload_n: float
-    prediction_interval_95_n: tuple[float, float]
+    preload_n: float | None  # null without a calibration, as all that is in newtons
+    prediction_interval_95_n: tuple[float, float] | None
     size: int  # sessions
     n_measurements: int
     autocorrelation: float
@@ -38,6 +39,7 @@ class BaselineView(_View):
     not_seen: tuple[str, ...]
     looks_lubricated_at: datetime | None  # it was said, or friction rose at once: the level was open
     sisters: LentBySisters
+    prediction_interval_95_percent: tuple[float, float] | None = None  # of the frequency, of it; without a calibration
 
 
 class AlertView(_View):
@@ -46,21 +48,27 @@ class AlertView(_View):
     raised_at: datetime
     since: datetime
     direction: Literal["rise", "fall"]
-    mean_change_n: float
+    mean_change_n: float | None
     n_sessions: int
     sentence: str
+    mean_change_percent: float | None = None  # of the frequency; without a calibration
 
 
 class LineView(_View):
-    """The line through the trend in newtons a year, at the preload where it ends; losses are negative."""
+    """The line through the trend in newtons a year, at the preload where it ends; losses are negative.
 
-    preload_at_end_n: float
-    slope_n_per_year: float
-    interval_95_n_per_year: tuple[float, float]
+    Without a calibration it is in percent of the frequency.
+    """
+
+    preload_at_end_n: float | None
+    slope_n_per_year: float | None
+    interval_95_n_per_year: tuple[float, float] | None
     interval_kind: Literal["confidence"]
     started_at: datetime
     ended_at: datetime
     n_sessions: int
+    slope_percent_per_year: float | None = None
+    interval_95_percent_per_year: tuple[float, float] | None = None
 
 
 class FalseAlarmsView(_View):
@@ -78,21 +86,31 @@ class FalseAlarmsView(_View):
 _COVERED = "a preload that stays: it fell while it was learnt, and temperature or friction changed with it"
 
 
-def baseline_view(state: DetectorState, calibration: Calibration) -> BaselineView | None:
+def baseline_view(state: DetectorState, calibration: Calibration | None) -> BaselineView | None:
     """Say what is normal; None while it is learnt."""
     baseline, prior = state.baseline, state.prior
     if baseline is None:
         return None
     interval = baseline.prediction_interval()
-    # the feature falls as the preload rises, so its upper end is the lower preload
-    lower, upper = (preload_from_feature(end, calibration.coefficients) for end in (interval.upper, interval.lower))
+    # the feature falls as preload and frequency rise, so its upper end is the lower of them
+    ends = (interval.upper, interval.lower)
+    if calibration is None:
+        lower, upper = (_percent_of_frequency(end / baseline.mean - 1.0) for end in ends)
+        level: dict[str, object] = {
+            "preload_n": None, "prediction_interval_95_n": None, "prediction_interval_95_percent": (lower, upper),
+        }  # fmt: skip
+    else:
+        lower, upper = (preload_from_feature(end, calibration.coefficients) for end in ends)
+        level = {
+            "preload_n": preload_from_feature(baseline.mean, calibration.coefficients),
+            "prediction_interval_95_n": (lower, upper),
+        }
     used = state.prior_in_use
     weight = min(used.degrees_of_freedom / baseline.degrees_of_freedom, 1.0) if used is not None else 0.0
     n_sisters = 0 if prior is None else prior.n_sisters
     lent = LentBySisters(n_sisters=n_sisters, weight_in_scatter=weight, contradicted=state.contradicted)
     return BaselineView(
-        preload_n=preload_from_feature(baseline.mean, calibration.coefficients),
-        prediction_interval_95_n=(lower, upper),
+        **level,
         size=baseline.size,
         n_measurements=baseline.n_observations,
         autocorrelation=baseline.autocorrelation,
@@ -107,44 +125,54 @@ def baseline_view(state: DetectorState, calibration: Calibration) -> BaselineVie
 #: What to do about an alert that stands, by where the preload has gone.
 _ALERT = {
     "rise": (
-        "since {since:%Y-%m-%d} the preload is on average {change:.0f} N above what was learnt as healthy, over "
+        "since {since:%Y-%m-%d} the {what} is on average {change} above what was learnt as healthy, over "
         "{count} sessions. That is no loss, but nothing tightens by itself: are payload, temperature and position as "
         "stated, was the machine worked on? A small rise is learnt after {settled} sessions; a larger one, once it is "
         "explained, by activating a new calibration"
     ),
     "fall": (
-        "since {since:%Y-%m-%d} the preload is on average {change:.0f} N below what was learnt as healthy, over "
+        "since {since:%Y-%m-%d} the {what} is on average {change} below what was learnt as healthy, over "
         "{count} sessions, which is not enough for an alarm: measure again, at another position too"
     ),
 }
 
 
-def alert_view(state: DetectorState, calibration: Calibration, settled: int) -> AlertView | None:
+def alert_view(state: DetectorState, calibration: Calibration | None, settled: int) -> AlertView | None:
     """Return the alert that stands; a rise settles in so many sessions."""
     run, baseline = state.charts.ewma_run, state.baseline
     if state.alert is None or state.alarm is not None or run is None or baseline is None:
         return None
-    change = preload_from_feature(baseline.mean + run.total / run.count, calibration.coefficients)
-    change -= preload_from_feature(baseline.mean, calibration.coefficients)
+    mean = baseline.mean + run.total / run.count
+    if calibration is None:
+        percent = _percent_of_frequency(mean / baseline.mean - 1.0)
+        what, words_of_it = "frequency", f"{abs(percent):.2g} %"
+        change: dict[str, float | None] = {"mean_change_n": None, "mean_change_percent": percent}
+    else:
+        newtons = preload_from_feature(mean, calibration.coefficients)
+        newtons -= preload_from_feature(baseline.mean, calibration.coefficients)
+        what, words_of_it, change = "preload", f"{abs(newtons):.0f} N", {"mean_change_n": newtons}
     direction: Literal["rise", "fall"] = "fall" if state.charts.ewma > 0.0 else "rise"
-    words = _ALERT[direction].format(since=run.since, change=abs(change), count=run.count, settled=settled)
+    words = _ALERT[direction].format(
+        since=run.since, what=what, change=words_of_it, count=run.count, settled=settled
+    )  # fmt: skip
     return AlertView(
         raised_at=state.alert.raised_at,
         since=run.since,
         direction=direction,
-        mean_change_n=change,
         n_sessions=run.count,
         sentence=words,
+        **change,
     )
 
 
-def line_view(line: TrendLine, calibration: Calibration) -> LineView:
-    """Return the line through the trend in newtons a year, with the confidence interval of its slope."""
-    preload = preload_from_feature(line.at_end.value, calibration.coefficients)
-    per_feature = -3.0 * preload / line.at_end.value  # preload = (g/k3)^-3
+def line_view(line: TrendLine, calibration: Calibration | None) -> LineView:
+    """Return the line through the trend in newtons a year, or percent, with the confidence interval of its slope."""
+    preload = None if calibration is None else preload_from_feature(line.at_end.value, calibration.coefficients)
+    # preload = (g/k3)^-3; a frequency is g^-1/2
+    per_feature = (-50.0 if preload is None else -3.0 * preload) / line.at_end.value
     reach = float(scipy.special.stdtrit(line.slope.degrees_of_freedom, 0.975)) * line.slope.standard_uncertainty
     lower, upper = sorted(per_feature * (line.slope.value + side * reach) for side in (-1.0, 1.0))
-    return LineView(
+    view = LineView(
         preload_at_end_n=preload,
         slope_n_per_year=per_feature * line.slope.value,
         interval_95_n_per_year=(lower, upper),
@@ -153,6 +181,15 @@ def line_view(line: TrendLine, calibration: Calibration) -> LineView:
         ended_at=line.ended_at,
         n_sessions=line.n_sessions,
     )
+    if calibration is not None:
+        return view
+    of_frequency = {"slope_percent_per_year": view.slope_n_per_year, "interval_95_percent_per_year": (lower, upper)}
+    return view.model_copy(update=of_frequency | {"slope_n_per_year": None, "interval_95_n_per_year": None})
+
+
+def _percent_of_frequency(rise: float) -> float:
+    """Return the change of a frequency whose 1/f² has risen by a share of itself, in percent."""
+    return 100.0 * (1.0 / math.sqrt(1.0 + rise) - 1.0)
 
 
 def false_alarms_view(stated: float, rate: FoundRate | None, n_sessions: int) -> FalseAlarmsView:

@@ -1,7 +1,7 @@
 """What is stored and shown of an outcome: plain JSON, every quantity with its unit in its name."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, overload
@@ -23,11 +23,12 @@ from monitor_core.preload import (
     widened,
     widened_ends,
 )
-from monitor_core.recording import Rejection
+from monitor_core.recording import Doubt, Rejection
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart, DetectorState, Evidence, latest_difference
 from monitor_core.uncertainty import Interval, IntervalKind
 from service.clock import text_of
+from service.documents.frequency_fall import REACH, FrequencyFall, fall_in_english, fall_of
 from service.json_types import Json, JsonObject
 
 if TYPE_CHECKING:  # the command line writes documents without a database
@@ -102,7 +103,7 @@ def estimate_document(estimate: PreloadEstimate) -> JsonObject:
         "extrapolated": estimate.extrapolated,
         "outside": list(estimate.outside),
         "assumptions": list(estimate.assumptions),
-        "doubts": [{"reason": str(doubt.reason), "detail": doubt.detail} for doubt in estimate.doubts],
+        "doubts": doubt_documents(estimate.doubts),
         "compared_with_calibration": {
             str(name): {"relative_difference": math.expm1(deviation.logarithm), "standard_deviations": deviation.score}
             for name, deviation in estimate.deviations.items()
@@ -115,6 +116,11 @@ def estimate_document(estimate: PreloadEstimate) -> JsonObject:
             for better in estimate.if_stated
         ],
     }
+
+
+def doubt_documents(doubts: Iterable[Doubt]) -> list[JsonObject]:
+    """Lay out what speaks against a number."""
+    return [{"reason": str(doubt.reason), "detail": doubt.detail} for doubt in doubts]
 
 
 #: Of an interval [N]; an open end is None.
@@ -185,6 +191,8 @@ def measurement_document(row: "MeasurementRecord", outcome: MeasurementOutcome) 
         document |= modal_document(outcome.modal)
     if isinstance(outcome.preload, PreloadEstimate):
         document |= estimate_document(outcome.preload)
+    elif outcome.preload is None:
+        document["doubts"] = doubt_documents(outcome.doubts)
     if refusal is not None:
         document |= refusal_document(refusal)
     document |= friction_document(outcome.friction)
@@ -259,6 +267,23 @@ def numbers_of(column: Sequence[float | None]) -> FloatArray:
     return np.array(column, dtype=np.float64)
 
 
+def falls_of(told: "ToldColumns") -> tuple[Sequence[float | None], ...]:
+    """Return by how many percent each frequency lies below the expected, and both ends of the 95 % interval of that.
+
+    None where nothing was expected: of a preload in newtons, or while the baseline was learnt.
+    """
+    if all(expected is None for expected in told.expected_frequency_hz):
+        nothing = [None] * len(told.at_us)
+        return nothing, nothing, nothing
+    frequency, own, expected, of_expected = map(numbers_of, (
+        told.frequency_hz, told.frequency_uncertainty_hz, told.expected_frequency_hz,
+        told.expected_frequency_uncertainty_hz,
+    ))  # fmt: skip
+    fall = 100.0 * (1.0 - frequency / expected)
+    half = 100.0 * REACH * np.hypot(own, of_expected) / expected
+    return numbers(fall), numbers(fall - half), numbers(fall + half)
+
+
 def charted(point: "TrendPoint") -> bool:
     """Tell whether a measurement moved the charts: not if it was refused, nor for the reason that it names."""
     return point.refusal_reason is None and point.uncharted is None
@@ -284,6 +309,8 @@ def numbers(values: FloatArray) -> list[float | None]:
     return [value if is_finite else None for value, is_finite in zip(values.tolist(), finite, strict=True)]
 
 
+#: Which share of 1/f² depends on the preload, by a drive model; None without one.
+Share = Callable[[], Interval | None]
 #: What a chart that raises alarms has found, for a sentence.
 _CHART = {
     Chart.CUSUM: "the sum of what exceeds chance stands at {value:.1f} standard deviations, its limit is {limit:.1f}",
@@ -297,28 +324,28 @@ _CHART = {
 }
 
 
-def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibration) -> JsonObject:
-    """Lay out why an alarm was raised: the measurement, the chart, and since when."""
+def alarm_evidence(
+    point: "TrendPoint", state: AxisState, calibration: Calibration | None, share: Share
+) -> JsonObject:  # fmt: skip
+    """Lay out why an alarm was raised: the measurement, the chart, and since when.
+
+    ``share`` returns which share of 1/f² depends on the preload; it is asked for without a calibration alone.
+    """
     alarm, baseline, difference = state.detector.alarm, state.detector.baseline, latest_difference(state.detector)
-    if alarm is not None and alarm.level is not None and point.preload_n is not None:
-        return _evidence_while_learning(point, state.detector, alarm, alarm.level)
-    if alarm is None or baseline is None or difference is None or point.preload_n is None:
-        raise AssertionError("an alarm has evidence, a baseline and an estimate behind it")
-    healthy = preload_from_feature(baseline.mean, calibration.coefficients)
-    # one size of the loss, wherever it is told: that of the session, not of one of its places, and not a mean since
-    # the onset, which of a loss that grows is half of it
-    lost, lost_since_onset = (
-        healthy - preload_from_feature(baseline.mean + change, calibration.coefficients)
-        for change in (difference, alarm.change.value)
-    )
+    if alarm is not None and alarm.level is not None:
+        return _evidence_while_learning(point, state.detector, alarm, alarm.level, calibration=calibration, share=share)
+    if alarm is None or baseline is None or difference is None:
+        raise AssertionError("an alarm has evidence and a baseline behind it")
+    if calibration is None:
+        expected, uncertainty = point.expected_frequency_hz or math.nan, point.expected_frequency_uncertainty_hz or 0.0
+        fall = fall_of(difference / baseline.mean, 2.0 * uncertainty / expected, share())
+        size, lost_in_words = _in_percent(fall), fall_in_english(fall)
+    else:
+        size, lost_in_words = _in_newtons(point, baseline.mean, difference, alarm.change.value, calibration)
     return finite_or_null({
         "at": text_of(point.at),
         "measurement": point.name,
-        "preload_n": point.preload_n,
-        "interval": list(interval_of(point)),
-        "interval_kind": "95 % coverage",
-        "baseline_preload_n": healthy,
-        "preload_loss_n": lost,
+        **size,
         "chart": str(alarm.chart),
         "chart_value": alarm.value,
         "chart_limit": alarm.limit,
@@ -326,48 +353,93 @@ def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibrati
         "baseline_started_at": text_of(baseline.started_at),
         # what was learnt before anybody could know is no reference for the change
         "baseline_ended_at": text_of(min(baseline.ended_at, alarm.onset - timedelta(microseconds=1))),
-        "mean_loss_since_onset_n": lost_since_onset,
         "sentence": (
-            f"since {alarm.onset:%Y-%m-%d} preload is being lost, and is now {lost:.0f} N below the baseline's "
-            f"{healthy:.0f} N: "
+            f"since {alarm.onset:%Y-%m-%d} {lost_in_words}: "
             + _CHART[alarm.chart].format(value=alarm.value, limit=alarm.limit)
         ),
         "check_next": "measure again at another position; compare the friction torque; check nut and bearing mounting",
     })  # fmt: skip
 
 
-def _evidence_while_learning(point: "TrendPoint", state: DetectorState, alarm: Evidence, level: float) -> JsonObject:
+def _evidence_while_learning(
+    point: "TrendPoint", state: DetectorState, alarm: Evidence, level: float, *,
+    calibration: Calibration | None, share: Share,
+) -> JsonObject:  # fmt: skip
     """Lay out why an axis is said to fall while its baseline is learnt: there is none to compare it with."""
     change = alarm.change
     reach = float(scipy.special.stdtrit(change.degrees_of_freedom, 0.975)) * change.standard_uncertainty
-    # the feature is the inverse cube root of the preload
-    lower, lost, upper = (100.0 - 100.0 * (1.0 + (change.value + d) / level) ** -3 for d in (-reach, 0.0, reach))
+    if calibration is None:
+        fall = fall_of(change.value / level, reach / REACH / level, share())
+        size, words = _in_percent(fall), f"while the baseline is learnt {fall_in_english(fall)}"
+    else:
+        # the feature is the inverse cube root of the preload
+        lower, lost, upper = (100.0 - 100.0 * (1.0 + (change.value + d) / level) ** -3 for d in (-reach, 0.0, reach))
+        size = {
+            "preload_n": point.preload_n,
+            "interval": list(interval_of(point)),
+            "interval_kind": "95 % coverage",
+            "baseline_preload_n": None,
+            "preload_loss_n": None,
+            "loss_percent": lost,
+            "loss_interval_95_percent": [lower, upper],
+        }
+        words = f"the preload falls while its baseline is learnt: {-lost:.1f} ± {0.5 * (upper - lower):.1f} %"
     unstated = any(session.temperature is None for session in (*state.learning, state.session) if session is not None)
     doubt = "; temperature was not stated, so that a colder axis is not told from it" if unstated else ""
     return finite_or_null({
         "at": text_of(point.at),
         "measurement": point.name,
-        "preload_n": point.preload_n,
-        "interval": list(interval_of(point)),
-        "interval_kind": "95 % coverage",
-        "baseline_preload_n": None,
-        "preload_loss_n": None,
+        **size,
         "chart": str(alarm.chart),
         "chart_value": alarm.value,
         "chart_limit": alarm.limit,
         "onset": text_of(alarm.onset),
-        "loss_percent": lost,
-        "loss_interval_95_percent": [lower, upper],
         "sentence": (
-            f"the preload falls while its baseline is learnt: {-lost:.1f} ± {0.5 * (upper - lower):.1f} % from "
-            f"{alarm.onset:%Y-%m-%d} to {point.at:%Y-%m-%d}; the logarithm of the evidence is {alarm.value:.1f}, its "
-            f"limit {alarm.limit:.1f}{doubt}"
+            f"{words} from {alarm.onset:%Y-%m-%d} to {point.at:%Y-%m-%d}; the logarithm of the evidence is "
+            f"{alarm.value:.1f}, its limit {alarm.limit:.1f}{doubt}"
         ),
         "check_next": (
             "inspect nut, bearings and mounting; when the axis is in order clear the alarm, which begins the baseline "
             "anew; until then none is learnt"
         ),
     })  # fmt: skip
+
+
+def _in_newtons(
+    point: "TrendPoint", healthy_feature: float, difference: float, mean_difference: float, calibration: Calibration
+) -> tuple[dict[str, object], str]:
+    """Return the size of a loss by a calibration, and the words for it.
+
+    One size, wherever it is told: that of the session, not of one of its places, and not a mean since the onset, which
+    of a loss that grows is half of it.
+    """
+    healthy = preload_from_feature(healthy_feature, calibration.coefficients)
+    lost, lost_since_onset = (
+        healthy - preload_from_feature(healthy_feature + change, calibration.coefficients)
+        for change in (difference, mean_difference)
+    )
+    return {
+        "preload_n": point.preload_n,
+        "interval": list(interval_of(point)),
+        "interval_kind": "95 % coverage",
+        "baseline_preload_n": healthy,
+        "preload_loss_n": lost,
+        "mean_loss_since_onset_n": lost_since_onset,
+    }, f"preload is being lost, and is now {lost:.0f} N below the baseline's {healthy:.0f} N"
+
+
+def _in_percent(fall: FrequencyFall) -> dict[str, object]:
+    return {
+        "preload_n": None,
+        "interval": [None, None],
+        "interval_kind": "95 % coverage",
+        "baseline_preload_n": None,
+        "preload_loss_n": None,
+        "frequency_fall_percent": fall.percent,
+        "frequency_fall_interval_95_percent": list(fall.interval_95_percent),
+        "preload_lost_if_preload_percent": list(fall.lost_percent),
+        "share_by_model": fall.share_by_model,
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,6 +465,10 @@ class AlarmEvidence:
     baseline_ended_at: datetime | None = None
     loss_percent: float | None = None  # of what falls while its baseline is learnt
     loss_interval_95_percent: tuple[float, float] | None = None
+    frequency_fall_percent: float | None = None  # without a calibration, as what follows
+    frequency_fall_interval_95_percent: tuple[float, float] | None = None
+    preload_lost_if_preload_percent: tuple[float, float] | None = None
+    share_by_model: bool = False
 
     @property
     def loss(self) -> Loss | None:
@@ -401,6 +477,15 @@ class AlarmEvidence:
             return None
         lower, upper = self.loss_interval_95_percent
         return Loss(self.loss_percent, 0.5 * (upper - lower), self.at)
+
+    @property
+    def fall(self) -> FrequencyFall | None:
+        """By how much the frequency fell; None of an alarm in newtons."""
+        if self.frequency_fall_percent is None or self.frequency_fall_interval_95_percent is None:
+            return None
+        lower, upper = self.frequency_fall_interval_95_percent
+        lost = self.preload_lost_if_preload_percent or (0.0, 100.0)
+        return FrequencyFall(self.frequency_fall_percent, 0.5 * (upper - lower), lost, self.share_by_model)
 
 
 _EVIDENCE = TypeAdapter(AlarmEvidence)

@@ -16,6 +16,8 @@ from pydantic import (
 from monitor_core.preload import SHOWN_BY_SESSIONS
 from monitor_core.recording import Conditions, DoubtReason
 from monitor_core.recordings.elements.units import metres
+from monitor_core.uncertainty import Estimate, Interval
+from service.documents.frequency_fall import FrequencyFall, fall_between
 from service.documents.measurement import (
     Ends,
     charted,
@@ -98,6 +100,10 @@ class StoredMeasurement(BaseModel):
     if_stated: tuple[IfStated, ...] = ()
     drag_torque_nm: float | None = None
     baseline_preload_n: float | None = None
+    expected_frequency_hz: float | None = None  # of a healthy axis there; without a calibration
+    expected_frequency_standard_uncertainty_hz: float | None = None
+    frequency_fall_percent: float | None = None
+    frequency_fall_interval_95_percent: tuple[float, float] | None = None
 
     @field_validator("*", mode="wrap")
     @classmethod
@@ -124,6 +130,17 @@ class StoredMeasurement(BaseModel):
             return None
         return Conditions(metres(self.position_mm), self.payload_kg, self.temperature_c)
 
+    def fall(self, share: Interval | None) -> FrequencyFall | None:
+        """How far the frequency lies below that of the healthy axis there; None where that is not known.
+
+        ``share`` is that of 1/f² which depends on the preload, by a drive model; None without one.
+        """
+        frequency, own = self.frequency_hz, self.frequency_standard_uncertainty_hz
+        expected, uncertainty = self.expected_frequency_hz, self.expected_frequency_standard_uncertainty_hz
+        if frequency is None or own is None or expected is None or uncertainty is None:
+            return None
+        return fall_between(Estimate(frequency, own), Estimate(expected, uncertainty), share)
+
     @property
     def half_width_n(self) -> float | None:
         """Half of the width of the interval; None if an end is open."""
@@ -146,6 +163,16 @@ def _added(measured: StoredMeasurement, point: "TrendPoint") -> dict[str, object
     added: dict[str, object] = {"state": point.state, "charted": charted(point), "uncharted": point.uncharted}
     if point.baseline_preload_n is not None:
         added["baseline_preload_n"] = point.baseline_preload_n
+    if point.expected_frequency_hz is not None:
+        added |= {
+            "expected_frequency_hz": point.expected_frequency_hz,
+            "expected_frequency_standard_uncertainty_hz": point.expected_frequency_uncertainty_hz,
+        }
+        fall = measured.model_copy(update=added).fall(None)
+        if fall is not None:
+            added |= {
+                "frequency_fall_percent": fall.percent, "frequency_fall_interval_95_percent": fall.interval_95_percent,
+            }  # fmt: skip
     if point.places_disagree is not None and "doubts" in measured.model_fields_set:
         of_session = Doubt(reason=str(DoubtReason.PLACES_DISAGREE), detail=point.places_disagree)
         added["doubts"] = (*measured.doubts, of_session)

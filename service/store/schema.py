@@ -61,6 +61,12 @@ def _keep_shown_scatter(connection: Connection) -> None:
     connection.execute(text("ALTER TABLE trend_points ADD COLUMN shown_scatter_s2 FLOAT"))
 
 
+def _keep_frequencies(connection: Connection) -> None:
+    """Keep what charts without a calibration watch; measurements of before were refused without one, and stay so."""
+    for name in ("frequency_uncertainty_hz", "expected_frequency_hz", "expected_frequency_uncertainty_hz"):
+        connection.execute(text(f"ALTER TABLE trend_points ADD COLUMN {name} FLOAT"))
+
+
 def _count_friction_positive(connection: Connection) -> None:
     """Turn the friction of axes whose torque counts against their position: it is kept as positive now."""
     connection.execute(text("UPDATE trend_points SET friction_torque_nm = ABS(friction_torque_nm)"))
@@ -76,6 +82,7 @@ STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0019", _repeat_names),
     ("0020", _keep_friction),
     ("0021", _keep_shown_scatter),
+    ("0022", _keep_frequencies),
     ("0026", _count_friction_positive),
 )
 #: The version that this program writes.

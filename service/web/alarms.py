@@ -12,9 +12,9 @@ from service.api.access import needs
 from service.api.alarms import AlarmOut, ExaminedOut
 from service.api.services import Services, ServicesOf
 from service.clock import now
-from service.documents.axis_sentence import alarm_sentence, falls_while_learning
+from service.documents.axis_sentence import alarm_sentence
 from service.documents.measurement import AlarmEvidence, interval_of, read_evidence
-from service.documents.said import N_, Said
+from service.documents.said import N_
 from service.errors import InvalidRequestError
 from service.operations.access.scopes import Scope
 from service.operations.advice import Advice
@@ -114,7 +114,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
         last=status.last,
         present=present,
         present_interval=None if present is None else interval_of(present),
-        sentence=_sentence(evidence, status.row.name),
+        sentence=alarm_sentence(evidence, status.row.name),
         cleared=view.last_to("cleared"),
         seen=view.last_to("acknowledged"),
         stands=view.row.status in ("active", "acknowledged"),
@@ -124,12 +124,6 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
         newest_event=view.last_by_people,
         usual_shelf=now() + USUAL_SHELF,
     )
-
-
-def _sentence(evidence: AlarmEvidence, axis: str) -> Said:
-    if evidence.loss is not None:
-        return falls_while_learning(evidence.onset, evidence.loss)
-    return alarm_sentence(evidence.onset, evidence.baseline_preload_n, evidence.preload_loss_n, evidence.at, axis)
 
 
 def _present(axis_id: str, on: Services) -> ShownPoint | None:

@@ -1,5 +1,6 @@
 """``/axes/{axis}``: how one axis stands, its trend, what can be trusted, its measurements and alarms."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final
 from urllib.parse import urlencode
@@ -12,7 +13,7 @@ from service.api.axes import AxisOut
 from service.api.jobs import JobOut
 from service.api.services import Services, ServicesOf
 from service.documents.axis_sentence import standing
-from service.documents.measurement import interval_of
+from service.documents.measurement import falls_of, interval_of
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import finished_discrepancies
@@ -24,11 +25,19 @@ from service.operations.retention import count_pins
 from service.report.trend_chart import LaneEvent
 from service.store.tables import AxisRow, MaintenanceRow
 from service.store.trend.points import Quality, Span
-from service.store.trend.shown import ShownPoint
+from service.store.trend.shown import ShownPoint, ToldColumns
 from service.web.fleet import is_trial
 from service.web.forms import RangeQuery, ShownRange, shown_range
 from service.web.site import PageOf
-from service.web.trend_view import MOST_SHOWN, Charts, Drawn, lane_of, low_charts, preload_charts
+from service.web.trend_view import (
+    MOST_SHOWN,
+    Charts,
+    Drawn,
+    frequency_charts,
+    lane_of,
+    low_charts,
+    preload_charts,
+)
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -43,6 +52,13 @@ class Listed:
 
     point: ShownPoint
     interval: tuple[float | None, float | None]
+    fall: tuple[float | None, ...]  # of its frequency, and the ends of its interval [%]
+
+
+def listed_of(points: Sequence[ShownPoint]) -> list[Listed]:
+    """Return measurements as lines of the list."""
+    falls = zip(*falls_of(ToldColumns.of(points)), strict=True)
+    return [Listed(point, interval_of(point), fall) for point, fall in zip(points, falls, strict=True)]
 
 
 @router.get("/axes/{axis}", dependencies=[needs(Scope.TRENDS_READ)])
@@ -69,7 +85,7 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
             alarms=told,
             alarm=open_alarm(alarms),
             open_alarm=next((alarm for alarm in told if alarm.status in ("active", "acknowledged")), None),
-            listed=[Listed(point, interval_of(point)) for point in listed.points],
+            listed=listed_of(listed.points),
             older=listed.next_cursor,
             query=query,
             is_trial=is_trial(status),
@@ -93,7 +109,7 @@ class Pictures:
     """The span of the trend that is shown, and the pictures of it, with what happened to the axis."""
 
     shown: ShownRange
-    preload: Charts
+    main: Charts  # preload, or without a calibration the frequency against its baseline
     friction: Charts
     frequency: Charts
 
@@ -103,7 +119,7 @@ def _pictures(
 ) -> Pictures | None:
     """Return the pictures of an axis; None if nothing was measured yet."""
     asked = (row.id, words, query.range, query.start, query.end)
-    shows = (row.revision, history.baseline, history.line, events)
+    shows = (row.revision, history.baseline, history.line, history.healthy, events)
     return on.drawn.of(asked, shows, lambda: _drawn(row.id, words, query, on, history=history, events=events))
 
 
@@ -116,14 +132,15 @@ def _drawn(
     earliest, latest = ends
     shown = shown_range(f"/axes/{axis}", query, earliest.at, latest.at)
     points = on.trend.at_resolution(axis, Span(shown.start, shown.end), MOST_SHOWN - 1).points
+    main = preload_charts if history.healthy is None else frequency_charts
     # the present is shown, whatever is thinned out
     if shown.start <= latest.at < shown.end and latest not in points:
         points = [*points, latest]
-    drawn, worked = Drawn.of(points), [event for event in events if event.kind == "work"]
+    drawn, worked = Drawn.of(points, history.healthy), [event for event in events if event.kind == "work"]
     friction, frequency = (words(N_("Friction torque over time")), "N·m"), (words(N_("Frequency over time")), "Hz")
     return Pictures(
         shown,
-        preload_charts(words, axis, drawn, shown, history=history, events=events),
+        main(words, axis, drawn, shown, history=history, events=events),
         low_charts(words, friction, "friction_torque_nm", drawn, shown, events=worked),
         low_charts(words, frequency, "frequency_hz", drawn, shown, events=worked),
     )

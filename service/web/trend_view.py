@@ -11,12 +11,14 @@ import numpy as np
 from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
-from service.documents.measurement import ends_of, numbers_of
+from monitor_core.recording import Conditions
+from monitor_core.recordings.elements.units import metres
+from service.documents.measurement import ends_of, falls_of, numbers_of
 from service.documents.said import N_
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.extremes import thin_out
-from service.operations.monitoring.history import AxisHistory
+from service.operations.monitoring.history import AxisHistory, HealthyFrequency
 from service.report.svg import Frame
 from service.report.trend_chart import (
     LOW_NARROW,
@@ -65,13 +67,53 @@ class Drawn:
     narrow: ToldColumns
 
     @classmethod
-    def of(cls, points: Sequence[ShownPoint]) -> "Drawn":
-        """Return points for the charts of a page."""
+    def of(cls, points: Sequence[ShownPoint], healthy: HealthyFrequency | None = None) -> "Drawn":
+        """Return points for the charts of a page.
+
+        ``healthy``: frequencies of the time in which that was learnt are compared with it, as it is known now.
+        """
+        if healthy is not None:
+            points = [_compared(point, healthy) for point in points]
         return cls(ToldColumns.of(points), ToldColumns.of(thinned(points, _ON_A_PHONE)))
 
     def of_size(self, frame: Frame) -> ToldColumns:
         """Return those of a frame."""
         return self.wide if frame in (WIDE, LOW_WIDE) else self.narrow
+
+
+def _compared(point: ShownPoint, healthy: HealthyFrequency) -> ShownPoint:
+    if point.expected_frequency_hz is not None or point.refusal_reason is not None or point.set_preload_n is not None:
+        return point
+    conditions = Conditions(metres(point.position_mm), point.payload_kg, point.temperature_c)
+    return point._replace(expected_frequency_hz=healthy.at(conditions))
+
+
+def frequency_charts(
+    words: Words, axis_id: str, drawn: Drawn, shown: ShownRange, *,
+    history: AxisHistory, events: Sequence[LaneEvent],
+) -> Charts:  # fmt: skip
+    """Draw by how much frequencies differ from those of the healthy axis at the same place, in percent."""
+    band, title = None, words(N_("Natural frequency over time, compared with the baseline at the same place"))
+    if history.baseline is not None and history.baseline.prediction_interval_95_percent is not None:
+        band = Band(0.0, *history.baseline.prediction_interval_95_percent, words(N_("baseline")))
+
+    def draw(frame: Frame, write: Callable[[str], str]) -> Markup:
+        told = drawn.of_size(frame)
+        marks = frequency_marks(told, words if frame is WIDE else None, axis_id)
+        return trend_chart(TrendPicture(title, "%", shown.start, shown.end, marks, events, band), frame, write)
+
+    return twice(words, draw, WIDE, NARROW)
+
+
+def frequency_marks(told: ToldColumns, words: Words | None, axis_id: str) -> Marks:
+    """Return changes of frequencies as they are drawn; with words each leads to its measurement, and says its value."""
+    fall, least, most = (np.array(column, dtype=np.float64) for column in falls_of(told))
+    half = (most - least) / 2.0
+    written = [
+        "—" if math.isnan(value) else f"{decimal(words, f'{-value:+.2f}')} %" if words is not None else ""
+        for value in fall.tolist()
+    ]
+    return _marks_of(told, (-fall, -fall - half, -fall + half), written, words, axis_id)
 
 
 def preload_charts(
@@ -83,9 +125,9 @@ def preload_charts(
     ``level`` is drawn where the history holds no baseline of that time.
     """
     band, title, through = level, words(N_("Preload over time")), _through(history)
-    if history.baseline is not None:
-        lower, upper = history.baseline.prediction_interval_95_n
-        band = Band(history.baseline.preload_n, lower, upper, words(N_("baseline")))
+    baseline = history.baseline
+    if baseline is not None and baseline.preload_n is not None and baseline.prediction_interval_95_n is not None:
+        band = Band(baseline.preload_n, *baseline.prediction_interval_95_n, words(N_("baseline")))
 
     def draw(frame: Frame, write: Callable[[str], str]) -> Markup:
         told = drawn.of_size(frame)
@@ -144,6 +186,16 @@ def preload_marks(told: ToldColumns, words: Words | None = None, axis_id: str = 
     value, lower, upper = numbers_of(told.preload_n), *map(numbers_of, ends)
     lower[np.isnan(value)] = math.nan
     upper[np.isnan(upper)] = math.inf
+    written = (
+        [] if words is None else [_value(words, *each) for each in zip(told.preload_n, *ends, strict=True)]
+    )  # fmt: skip
+    return _marks_of(told, (value, lower, upper), written, words, axis_id)
+
+
+def _marks_of(
+    told: ToldColumns, values: tuple[FloatArray, FloatArray, FloatArray], written: Sequence[str],
+    words: Words | None, axis_id: str,
+) -> Marks:  # fmt: skip
     kinds = [
         "refused" if refusal else "doubt" if own or places else state
         for refusal, own, places, state in zip(
@@ -153,15 +205,15 @@ def preload_marks(told: ToldColumns, words: Words | None = None, axis_id: str = 
     links = [] if words is None else [
         (
             f"/axes/{axis_id}/measurements/{number}",
-            f"{moment.replace('T', ' ')} UTC: {words(N_('refused')) if refusal else _value(words, preload, both)}",
+            f"{moment.replace('T', ' ')} UTC: {words(N_('refused')) if refusal else said}",
         )
-        for number, moment, refusal, preload, *both in zip(
+        for number, moment, refusal, said in zip(
             told.measurement_id,
             np.datetime_as_string(np.array(told.at_us, "datetime64[us]"), unit="m").tolist(),
-            told.refusal_reason, told.preload_n, *ends, strict=True,
+            told.refusal_reason, written, strict=True,
         )
     ]  # fmt: skip
-    return Marks(_seconds(told), value, lower, upper, kinds, links)
+    return Marks(_seconds(told), *values, kinds, links)
 
 
 def _seconds(told: ToldColumns) -> FloatArray:
@@ -169,14 +221,14 @@ def _seconds(told: ToldColumns) -> FloatArray:
     return np.array(told.at_us, dtype=np.float64) / 1e6
 
 
-def _value(words: Words, preload: float | None, ends: Sequence[float | None]) -> str:
+def _value(words: Words, preload: float | None, *ends: float | None) -> str:
     value, half = with_interval(words, preload, ends)
     return f"{value} N{f' ± {half}' if half else ''}"
 
 
 def _through(history: AxisHistory) -> Line | None:
     line = history.line
-    if line is None:
+    if line is None or line.preload_at_end_n is None or line.slope_n_per_year is None:
         return None
     years = (line.ended_at - line.started_at) / timedelta(days=365.25)
     at_start = line.preload_at_end_n - line.slope_n_per_year * years

@@ -61,6 +61,7 @@ CALLED: Final[dict[str, dict[str, str]]] = {
     "uncharted": {
         "preload-set": N_("preload was set on purpose"), "too-late": N_("arrived too late"),
         "waveform-gone": N_("its waveform is gone"),
+        "not-comparable": N_("at a place, payload or temperature that nothing is known of yet"),
     },
     "setting": {
         "name": N_("Name"), "false_alarms_per_year": N_("False alarms a year"),

@@ -70,7 +70,7 @@ def sentence(page: Page) -> str:
 
 
 SENTENCES = {
-    "uncalibrated": "the axis is not calibrated. Next: Calibrate it",
+    "uncalibrated": "Nothing was measured yet, so nothing is known about the preload. Next: Measure the axis: from",
     "never-measured": "Nothing was measured yet",
     "learning": "The baseline is being learnt. Until then only a preload that falls all the while raises an alarm.",
     "normal": "No loss of preload is seen. Next: Nothing is to be done.",

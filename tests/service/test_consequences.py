@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from service.operations.monitoring import trend
-from tests.browser.states import CONFIGURATION, TOO_HIGH, measure
+from tests.browser.states import CONFIGURATION, TOO_HIGH, measure, measurement
 from tests.service.conftest import START, Api, assert_problem, running_service
 
 AXIS = "axis"
@@ -119,8 +119,9 @@ def test_a_history_is_not_replaced_over_another_calibration(learnt: Api) -> None
 
 
 def test_refused_ones_are_found_page_by_page(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    api.register(AXIS, **CONFIGURATION)  # without a calibration every measurement is refused
-    measure(api, AXIS, range(3))
+    api.register(AXIS, **CONFIGURATION)
+    for day in range(3):  # one window alone is refused
+        api.accept(AXIS, measurement(AXIS, day)[:1], complete=True)
     api.calibrate(AXIS)
     measure(api, AXIS, range(3, 9), TOO_HIGH)
     monkeypatch.setattr(trend, "LOOKED_AT", 4)

@@ -95,7 +95,7 @@ def test_failure_at_the_commit_leaves_rows_with_their_waveforms(
     answer = api.accept("axis", windows)
     assert answer["already_there" if committed else "accepted"] == 15
     (outcome,) = answer["measurements"]
-    assert outcome["reason"] == "not-calibrated"  # judged: its waveforms were all there
+    assert (outcome["refused"], outcome["coherence"] > 0.5) == (False, True)  # judged: its waveforms were all there
     assert len(stored_frames(api.data_dir)) == (1 if committed else 2)
 
 

@@ -200,13 +200,13 @@ def test_an_alarm_that_an_older_program_withdrew_without_calibration_is_raised_a
 
 
 @pytest.mark.parametrize(("epochs", "status"), [(frozenset(), "acknowledged"), (frozenset((1,)), "withdrawn")])
-def test_only_charts_under_a_calibration_withdraw_an_alarm(newest: Path, epochs: frozenset[int], status: str) -> None:
-    """The same charts, which raise none: with no calibration in force they could not have raised any."""
+def test_only_charts_that_watch_something_withdraw_an_alarm(newest: Path, epochs: frozenset[int], status: str) -> None:
+    """The same charts, which raise none: where they watched nothing they could not have raised any."""
     database = Database(f"sqlite:///{newest}/var/preload.db")
     with database.connect() as connection, writing(connection):
         axis = intake.read_axis(connection, "worn")
         charts = intake.read_charts(connection, axis)
-        folded = Folded(charts, {}, (), None, again=True, since_epoch=1, calibrated=epochs)
+        folded = Folded(charts, {}, (), None, again=True, since_epoch=1, watched=epochs)
         settle_alarms(connection, axis, folded, "another calibration")
     with database.read() as session:
         assert get_alarm(session, 1).status == status

@@ -103,7 +103,7 @@ def flat(record: dict[str, Any]) -> dict[str, Any]:
     """Flatten a record of JSON by hand."""
     cells: dict[str, Any] = {}
     for name, value in record.items():
-        if name == "interval_95_n":
+        if "interval_95" in name:
             lower, upper = value or (None, None)
             cells |= {f"{name}.lower": lower, f"{name}.upper": upper}
         else:

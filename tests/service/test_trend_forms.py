@@ -22,11 +22,11 @@ def measured(shared_api: Api) -> Api:
     shared_api.register("empty")
     rng = np.random.default_rng(3)
     for number in range(9):
-        if number == 1:  # the first is refused: there is nothing to judge it by
+        if number == 1:
             shared_api.calibrate("mill")
         at = START + timedelta(days=number, microseconds=5 * (number % 2))
         windows = simulated_measurement(rng, f"m{number}", started_at=at, n_windows=2, position_mm=400.0 + number)
-        shared_api.accept("mill", windows)
+        shared_api.accept("mill", windows if number else windows[:1], complete=True)  # one window alone is refused
     return shared_api
 
 
@@ -51,8 +51,9 @@ def test_columns_say_what_points_say(measured: Api, query: dict[str, str | int])
     columns = told.pop("columns")
     number = len(columns["measurement_id"])
     expanded = {name: values * number if len(values) == 1 else values for name, values in columns.items()}
-    ends = zip(expanded.pop("interval_95_n.lower"), expanded.pop("interval_95_n.upper"), strict=True)
-    expanded["interval_95_n"] = [None if both == (None, None) else list(both) for both in ends]
+    for interval in ("interval_95_n", "frequency_fall_interval_95_percent"):
+        ends = zip(expanded.pop(f"{interval}.lower"), expanded.pop(f"{interval}.upper"), strict=True)
+        expanded[interval] = [None if both == (None, None) else list(both) for both in ends]
     rows = [dict(zip(expanded, row, strict=True)) for row in zip(*expanded.values(), strict=True)]
     for row, point in zip(rows, points.pop("points"), strict=True):
         assert set(row) == set(point)
@@ -101,7 +102,7 @@ SCATTER = st.none() | st.floats(1e-9, 1e-7)
     )
 )  # fmt: skip
 def test_ends_of_many_are_those_of_each(drawn: list[tuple[float | None, ...]]) -> None:
-    empty = ShownPoint(0, 1, "m", 0.0, *[None] * 13, "normal", *[None] * 6)  # type: ignore[arg-type]
+    empty = ShownPoint(0, 1, "m", 0.0, *[None] * 13, "normal", *[None] * 9)  # type: ignore[arg-type]
     points = [
         empty._replace(
             preload_n=preload, interval_lower_n=lower, interval_upper_n=upper, feature_s2=feature,

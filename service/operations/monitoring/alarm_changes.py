@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator
 from datetime import datetime
+from functools import partial
 from itertools import zip_longest
 
 from sqlalchemy import Connection
@@ -12,7 +13,9 @@ from service.clock import now, text_of
 from service.documents.change import not_examined_yet, read_cause
 from service.documents.measurement import alarm_evidence
 from service.json_types import JsonObject
+from service.operations.monitoring.axis_configuration import load_configuration
 from service.operations.monitoring.intake.charts import Folded, Raised
+from service.operations.monitoring.preload_share import preload_share
 from service.store import alarms
 from service.store.intake import AxisRecord
 from service.store.notices import add_notice
@@ -30,7 +33,7 @@ def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, beca
     """Store the alarms of charts that were folded from a moment on, and return how many are new.
 
     Alarms that they raised before, from there on, are the same ones in order within each epoch, if with other evidence;
-    one that is not raised any more is withdrawn, unless no calibration was in force that charts could raise it by.
+    one that is not raised any more is withdrawn, unless nothing was watched that charts could raise it by.
     """
     n_new = 0
     with Session(connection) as session:
@@ -39,8 +42,8 @@ def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, beca
                 n_new += 1
                 _raise(session, axis, epoch, alarm, "raised by measurement")
             elif row is not None and alarm is not None:
-                _raise_again(session, row, epoch, alarm, because_of)
-            elif row is not None and epoch in folded.calibrated:
+                _raise_again(session, row, alarm, _evidence(axis, alarm), because_of)
+            elif row is not None and epoch in folded.watched:
                 change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the charts raise none")
         session.commit()  # hands it to the connection
     return n_new
@@ -83,9 +86,13 @@ def _epoch_at(folded: Folded, moment: datetime) -> int:
     return entered[-1] if entered else folded.since_epoch
 
 
-def _raise_again(session: Session, row: AlarmRow, epoch: int, alarm: Raised, because_of: str) -> None:
-    evidence = alarm_evidence(alarm.point, alarm.state, alarm.calibration)
-    row.epoch = epoch
+def _evidence(axis: AxisRecord, alarm: Raised) -> JsonObject:
+    model = load_configuration(axis.configuration).drive_model
+    return alarm_evidence(alarm.point, alarm.state, alarm.calibration, partial(preload_share, model))
+
+
+def _raise_again(session: Session, row: AlarmRow, alarm: Raised, evidence: JsonObject, because_of: str) -> None:
+    row.epoch = alarm.point.epoch
     if row.evidence != evidence:
         row.evidence, row.measurement_id, row.measured_at = evidence, alarm.point.measurement_id, alarm.point.at
         change_alarm(session, row, row.status, f"{because_of} changed the evidence")
@@ -95,7 +102,7 @@ def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised, reason
     at, point = now(), alarm.point
     row = AlarmRow(
         axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, raised_at=at, epoch=epoch,
-        measured_at=point.at, status=alarms.ACTIVE, evidence=alarm_evidence(point, alarm.state, alarm.calibration),
+        measured_at=point.at, status=alarms.ACTIVE, evidence=_evidence(axis, alarm),
         explanation=not_examined_yet(axis.configuration, has_baseline=alarm.state.detector.known is not None),
         shelved_until=None,
     )  # fmt: skip
@@ -188,5 +195,8 @@ def alarm_notice(alarm: AlarmRow, event: AlarmEventRow) -> JsonObject:
         "interval_n": evidence.get("interval"),
         "interval_kind": evidence.get("interval_kind"),
         "baseline_preload_n": evidence.get("baseline_preload_n"),
+        "frequency_fall_percent": evidence.get("frequency_fall_percent"),
+        "frequency_fall_interval_95_percent": evidence.get("frequency_fall_interval_95_percent"),
+        "preload_lost_if_preload_percent": evidence.get("preload_lost_if_preload_percent"),
         "onset": evidence.get("onset"),
     }

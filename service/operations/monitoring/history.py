@@ -6,7 +6,9 @@ from functools import partial
 import numpy as np
 from sqlalchemy.orm import Session
 
-from monitor_core.preload import Calibration
+from monitor_core.pipeline import AxisState
+from monitor_core.preload import Calibration, ConditionLaw
+from monitor_core.recording import Conditions
 from monitor_core.trend import (
     ClosedSession,
     DetectorDesign,
@@ -34,7 +36,7 @@ from service.store.database import Database
 from service.store.lookup import Remembered
 from service.store.rejudged import Stale, stale_axes
 from service.store.tables import MaintenanceRow
-from service.store.trend.sessions import SessionRecord, stored_sessions
+from service.store.trend.sessions import UNCALIBRATED, SessionRecord, stored_sessions
 
 #: The newest sessions are looked at: a year of them, at one a day.
 MOST_SESSIONS = 400
@@ -42,6 +44,30 @@ MOST_SESSIONS = 400
 _MOST_REMEMBERED = 10_000
 #: Where the resampling begins: the same history gives the same answer.
 _SEED = 20180301
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyFrequency:
+    """What is known of a healthy axis without a calibration, as far as it is learnt."""
+
+    law: ConditionLaw
+    level: float  # 1/f² at the reference of the law [s²]
+
+    def at(self, conditions: Conditions) -> float | None:
+        """Return the frequency of the healthy axis under some conditions [Hz]; None where the law gives none."""
+        feature = self.level + self.law.shift(conditions)
+        return feature**-0.5 if feature > 0.0 else None
+
+
+def _healthy(state: AxisState) -> HealthyFrequency | None:
+    learning = [session.value for session in state.detector.learning]
+    if state.law is None:
+        return None
+    if state.detector.baseline is not None:
+        return HealthyFrequency(state.law, state.detector.baseline.mean)
+    if state.detector.session is not None:
+        learning.append(state.detector.session.value)
+    return HealthyFrequency(state.law, float(np.mean(learning))) if learning else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +81,7 @@ class AxisHistory:
     events: tuple[MaintenanceRow, ...] = ()  # what was done to it, in order of time
     stale: Stale | None = None  # it is about to be replaced
     together: TogetherView | None = None  # what several numbers show together
+    healthy: HealthyFrequency | None = None  # without a calibration: what frequencies are compared with now
 
 
 class History:
@@ -76,9 +103,9 @@ class History:
     def _read(self, session: Session, axis_id: str) -> AxisHistory:
         row, connection = axes.get_axis(session, axis_id), session.connection()
         calibration = self._calibrations.numbered(connection, axis_id, row.active_calibration_id)
-        if calibration is None or row.active_calibration_id is None:
+        if row.monitor_state is None:
             return AxisHistory(None, None, None)
-        sessions = stored_sessions(connection, row.number, row.active_calibration_id, MOST_SESSIONS)
+        sessions = stored_sessions(connection, row.number, row.active_calibration_id or UNCALIBRATED, MOST_SESSIONS)
         stored, design = load_state(row.monitor_state), load_design(row.detector_design)
         state = stored.detector
         line, false_alarms = self._remembered.of(
@@ -90,11 +117,18 @@ class History:
         )
         alert = alert_view(state, calibration, design.settings.baseline_size)
         together = together_view(stored.joint, design)
-        return AxisHistory(baseline_view(state, calibration), line, false_alarms, alert, together=together)
+        healthy = _healthy(stored) if calibration is None else None
+        return AxisHistory(
+            baseline_view(state, calibration), line, false_alarms, alert, together=together, healthy=healthy
+        )
 
 
 def _long_run(
-    sessions: list[SessionRecord], calibration: Calibration, design: DetectorDesign, prior: Prior | None, epoch: int
+    sessions: list[SessionRecord],
+    calibration: Calibration | None,
+    design: DetectorDesign,
+    prior: Prior | None,
+    epoch: int,
 ) -> tuple[LineView | None, FalseAlarmsView]:
     line = trend_line([_session(record) for record in sessions], prior)
     # an alarm that was cleared was false; of one that stands nobody has said so yet

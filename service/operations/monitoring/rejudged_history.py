@@ -19,9 +19,9 @@ from service.errors import WaveformDamagedError
 from service.json_types import JsonObject
 from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
-from service.operations.monitoring.intake.charts import Uncharted, fold_from
+from service.operations.monitoring.intake.charts import Uncharted, counted, fold_from
 from service.operations.monitoring.intake.epochs import epoch_of_calibration
-from service.operations.monitoring.intake.judge import Judged, counted, judge, judged_point, stand
+from service.operations.monitoring.intake.judge import Judged, judge, judged_point, stand
 from service.store import alarms, intake, rejudged
 from service.store.intake import LONGEST_DETAIL, OPEN, AxisRecord, MeasurementRecord
 from service.store.rejudged import StagedRecord, StoredWindow

@@ -10,6 +10,7 @@ from service.documents.measurement import read_evidence
 from service.documents.together import TogetherView
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
+from service.operations.monitoring.preload_share import preload_share
 from service.operations.monitoring.trend import AxisStatus
 from service.store import alarms as status_of
 
@@ -44,6 +45,7 @@ def facts_of(
         alert=alert,
         alarm=open_alarm(alarms) if row.state == "alarm" else None,
         changed_since=None if together is None or together.alarm is None else together.alarm.onset,
+        fall=last.fall(preload_share(status.configuration.drive_model)),
     )
 
 
@@ -62,6 +64,7 @@ def open_alarm(alarms: Sequence[AlarmView]) -> OpenAlarm | None:
         acknowledged_at=None if seen is None else seen.at,
         other_cause=cause.sentence if is_other else None,
         loss=evidence.loss,
+        fall=evidence.fall,
     )
 
 

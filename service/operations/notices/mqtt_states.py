@@ -50,6 +50,8 @@ def state_document(status: AxisStatus) -> JsonObject:
         "preload_n": last.preload_n,
         "interval_95_n": last.interval_95_n,
         "interval_kind": last.interval_kind,
+        "frequency_fall_percent": last.frequency_fall_percent,
+        "frequency_fall_interval_95_percent": last.frequency_fall_interval_95_percent,
         "doubts": [doubt.model_dump() for doubt in last.doubts],
         "refused": last.reason,
     }

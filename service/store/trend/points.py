@@ -57,6 +57,10 @@ class TrendPoint:
     friction_torque_nm: float | None = None  # None also of measurements that an older program judged
     shown_scatter_s2: float | None = None  # what its interval allows for, of what the sessions of its axis show
     places_disagree: str | None = None  # how the places of its session contradict each other, in words
+    frequency_uncertainty_hz: float | None = None  # its own; None also of measurements that an older program judged
+    # of a healthy axis there, with what one more session scatters by; None: a calibration, or the baseline is learnt
+    expected_frequency_hz: float | None = None
+    expected_frequency_uncertainty_hz: float | None = None
 
     @property
     def doubts(self) -> tuple[str, ...]:

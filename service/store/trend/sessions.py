@@ -10,6 +10,8 @@ from sqlalchemy import BigInteger, Connection, bindparam, delete, insert, select
 from service.store.tables import moment_of
 from service.store.trend.tables import stored_rows, table_of
 
+#: In the place of the number of a calibration: the sessions that were charted without one.
+UNCALIBRATED = 0
 #: A session as it is stored: enough to tell whether another one stands in its place.
 StoredSession = tuple[Any, ...]
 
@@ -19,12 +21,12 @@ class SessionRecord:
     """A session that is over: its measurements summed up, and what the charts made of it."""
 
     axis_number: int
-    calibration_id: int
+    calibration_id: int  # or :data:`UNCALIBRATED`
     started_at: datetime
     epoch: int
     last_at: datetime
     n_measurements: int
-    feature_s2: float  # mean
+    feature_s2: float  # mean; without a calibration 1/f² at the mean conditions of the baseline
     temperature_c: float | None
     friction_torque_nm: float | None
     residual: float | None  # in standard deviations; none while the baseline was learnt

@@ -53,6 +53,9 @@ class ShownPoint(NamedTuple):
     learnt_scatter_s2: float | None
     shown_scatter_s2: float | None
     places_disagree: str | None
+    frequency_uncertainty_hz: float | None
+    expected_frequency_hz: float | None
+    expected_frequency_uncertainty_hz: float | None
 
     @property
     def at(self) -> datetime:
@@ -88,6 +91,9 @@ class ToldColumns(NamedTuple):
     learnt_scatter_s2: Sequence[float | None]
     shown_scatter_s2: Sequence[float | None]
     places_disagree: Sequence[str | None]
+    frequency_uncertainty_hz: Sequence[float | None]
+    expected_frequency_hz: Sequence[float | None]
+    expected_frequency_uncertainty_hz: Sequence[float | None]
 
     @property
     def at(self) -> list[datetime]:

@@ -34,7 +34,7 @@ from service.json_types import Json, JsonObject
 from service.store.intake import ChartsRecord
 from service.store.tables import AxisRow
 from service.store.trend.epochs import CALIBRATION, INSPECTION, UNKNOWN, EpochRecord
-from service.store.trend.sessions import SessionRecord
+from service.store.trend.sessions import UNCALIBRATED, SessionRecord
 
 #: Written where both beliefs are one.
 _AS_LEARNT = "as learnt"
@@ -111,6 +111,7 @@ _STATE = StoredRecord(
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
     packed=_packed,
     unpacked=_unpacked,
+    added=frozenset({"law", "sums"}),
 )
 
 _DESIGN = StoredRecord(
@@ -149,18 +150,18 @@ def is_outdated(charts: ChartsRecord | AxisRow) -> bool:
     return _STATE.is_older(charts.monitor_state) or _DESIGN.is_older(charts.detector_design)
 
 
-def begun(epoch: EpochRecord, before: DetectorState) -> DetectorState:
-    """Return the detector as it begins an epoch. A person decides that, never the detector.
+def begun(epoch: EpochRecord, before: AxisState) -> AxisState:
+    """Return the charts as they begin an epoch. A person decides that, never the detector.
 
     After an inspection the level is learnt anew. With another calibration or another nut nothing is known but what
     sisters lent: the charts watch another number now, or another axis.
     """
     if epoch.begun_by == INSPECTION:
-        return reset(before)
+        return AxisState(reset(before.detector), law=None if before.sums else before.law)
     if epoch.begun_by == UNKNOWN:
-        return load_state(epoch.state).detector
-    prior = load_state(epoch.state).detector.prior if epoch.begun_by == CALIBRATION else before.prior
-    return DetectorState(last_at=before.last_at, prior=prior)
+        return AxisState(load_state(epoch.state).detector)
+    prior = load_state(epoch.state).detector.prior if epoch.begun_by == CALIBRATION else before.detector.prior
+    return AxisState(DetectorState(last_at=before.detector.last_at, prior=prior))
 
 
 def joint_begun(epoch: EpochRecord, before: JointState) -> JointState:
@@ -179,12 +180,12 @@ def state_now(axis: AxisRow, at: datetime, silent_after_hours: float) -> tuple[s
     return str(state), axis.state_since if state is not TrendStatus.UNKNOWN else axis.last_charted_at
 
 
-def session_record(axis_number: int, calibration_id: int, epoch: int, over: ClosedSession) -> SessionRecord:
+def session_record(axis_number: int, calibration_id: int | None, epoch: int, over: ClosedSession) -> SessionRecord:
     """Return a session that is over as it is stored."""
     session = over.session
     return SessionRecord(
         axis_number=axis_number,
-        calibration_id=calibration_id,
+        calibration_id=calibration_id or UNCALIBRATED,
         started_at=session.started_at,
         epoch=epoch,
         last_at=session.last_at,

@@ -7,14 +7,23 @@ they enter the epochs that a person began: another calibration, an inspection, a
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from enum import StrEnum
 
 from sqlalchemy import Connection
 
-from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature, scatter_with_history
+from monitor_core.pipeline import (
+    AxisState,
+    ChartedFeature,
+    advance_feature,
+    charts_see,
+    expected_frequency,
+    inverse_square,
+    scatter_with_history,
+)
 from monitor_core.preload import Calibration, PlaceReading, friction_amplification, preload_from_feature
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
@@ -31,6 +40,7 @@ from service.operations.monitoring.intake.chart_state import (
 from service.store.axes import lubrications_of
 from service.store.calibrations import CalibrationsInForce
 from service.store.intake import AxisRecord, ChartsRecord
+from service.store.tables import CountsByReason
 from service.store.trend.epochs import (
     BEGIN_OF_TIME,
     CALIBRATION,
@@ -56,7 +66,13 @@ from service.store.trend.points import (
     replace_points,
     say_places,
 )
-from service.store.trend.sessions import SessionRecord, add_sessions, forget_sessions, forget_sessions_beyond
+from service.store.trend.sessions import (
+    UNCALIBRATED,
+    SessionRecord,
+    add_sessions,
+    forget_sessions,
+    forget_sessions_beyond,
+)
 
 #: A checkpoint is kept after so many measurements in the charts ...
 CHECKPOINT_EVERY = 50
@@ -73,6 +89,7 @@ class Uncharted(StrEnum):
     PRELOAD_SET = "preload-set"  #: its preload was set on purpose: it tells nothing about wear
     TOO_LATE = TOO_LATE  #: it was made before what the charts can be folded again from
     WAVEFORM_GONE = "waveform-gone"  #: its waveform is not there, so that it stands as another calibration judged it
+    NOT_COMPARABLE = "not-comparable"  #: without a calibration nothing tells what its place, payload or temperature do
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +98,7 @@ class Raised:
 
     point: TrendPoint
     state: AxisState
-    calibration: Calibration
+    calibration: Calibration | None  # None: on the frequency alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +111,7 @@ class Folded:
     again_after: datetime | None  # what began later was folded again; None: nothing was
     again: bool = False
     since_epoch: int = 0  # the first that was folded
-    calibrated: frozenset[int] = frozenset()  # epochs that a calibration was in force in: only these can raise alarms
+    watched: frozenset[int] = frozenset()  # epochs with a calibration, or frequencies: only these can raise alarms
     entered: tuple[tuple[datetime, int], ...] = ()  # when later ones begin, and their numbers, in order of time
 
 
@@ -178,7 +195,7 @@ class _Fold:
         self._begun_after: datetime | None = None
         self._ahead: list[EpochRecord] = []  # epochs that are still to be entered, in order of time
         self._entered: list[tuple[datetime, int]] = []
-        self._calibrated: set[int] = set()
+        self._watched: set[int] = set()
         self._raised: list[Raised] = []
         self._sessions: list[SessionRecord] = []
         self._session_of: dict[int, datetime | None] = {}  # when it began, by measurement; None: it moved no chart
@@ -207,7 +224,8 @@ class _Fold:
     def enter(self, epoch: EpochRecord) -> None:
         """Begin an epoch: what was learnt before it holds no more, or its level does not."""
         before = self._state.detector
-        self._state = AxisState(begun(epoch, before), joint=joint_begun(epoch, self._state.joint))
+        joint = joint_begun(epoch, self._state.joint)
+        self._state = replace(begun(epoch, self._state), joint=joint)
         over = closed_session(before, self._state.detector)
         if epoch.begun_by in (CALIBRATION, UNKNOWN):
             self._take_calibration(epoch.calibration_id)
@@ -244,9 +262,12 @@ class _Fold:
         add_sessions(self._connection, self._sessions)
         added = {point.measurement_id for point in put}
         after = {point.measurement_id: point for point in points if point.measurement_id in added}
+        again = [point for point in points if point.measurement_id in folded_before]
+        charts = self._charts_now()
+        charts = replace(charts, uncharted=counted(charts.uncharted, reasons_of(again), reasons_of(self._old)))
         return Folded(
-            self._charts_now(), after, tuple(self._raised), self._begun_after, self._again, self._since_epoch,
-            frozenset(self._calibrated), tuple(self._entered),
+            charts, after, tuple(self._raised), self._begun_after, self._again, self._since_epoch,
+            frozenset(self._watched), tuple(self._entered),
         )  # fmt: skip
 
     def _return_to(self, epoch: EpochRecord | None, first: datetime) -> None:
@@ -278,8 +299,7 @@ class _Fold:
         connection, number, epoch = self._connection, self._axis.number, self._charts.epoch
         going_on = self._state.detector.session
         since = at if going_on is None else going_on.started_at
-        if self._calibration_id is not None:
-            forget_sessions(connection, number, self._calibration_id, epoch, since)
+        forget_sessions(connection, number, self._calibration_id or UNCALIBRATED, epoch, since)
         forget_checkpoints(connection, number, epoch, at)
         if newest_epoch > epoch:
             forget_sessions_beyond(connection, number, epoch)
@@ -292,7 +312,7 @@ class _Fold:
 
     def _note_calibration(self) -> None:
         if self._calibration is not None:
-            self._calibrated.add(self._charts.epoch)
+            self._watched.add(self._charts.epoch)
 
     @staticmethod
     def _limit(epoch: EpochRecord, before: datetime | None) -> datetime | None:
@@ -307,29 +327,35 @@ class _Fold:
             self.enter(self._ahead.pop(0))
         before, calibration = self._state, self._calibration
         self._session_of[point.measurement_id] = None
-        charted = point.uncharted is None and point.feature_s2 is not None and calibration is not None
-        if charted and calibration is not None:
+        point = _comparable(before, point, calibration)
+        charted = point.uncharted is None and _feature_of(point, calibration) is not None
+        if charted:
             lubricated = self._is_lubricated(before.detector.last_at, point.at)
             self._state = _advanced(before, point, calibration, self._design, lubricated=lubricated)
             self._session_of[point.measurement_id] = self._state.places_since
+            self._watched.add(self._charts.epoch)
             self._places |= _said_of(self._state)
         detector, healthy, learnt = self._state.detector, before.detector.baseline, None
         if calibration is not None and point.shown_scatter_s2 is not None:
             learnt = _learnt_scatter(before, point, point.shown_scatter_s2, calibration)
-        elif healthy is not None and point.feature_s2 is not None:
+        elif healthy is not None and _feature_of(point, calibration) is not None:
             learnt = healthy.scatter
-        baseline = None
+        baseline, expected = None, None
         if detector.baseline is not None and calibration is not None:
             baseline = preload_from_feature(detector.baseline.mean, calibration.coefficients)
+        elif charted or point.uncharted == Uncharted.NOT_COMPARABLE:
+            expected = expected_frequency(before, _conditions(point))
         point = replace(
             point,
             epoch=self._charts.epoch,
             state=str(detector.status),
             baseline_preload_n=baseline,
+            expected_frequency_hz=None if expected is None else expected.value,
+            expected_frequency_uncertainty_hz=None if expected is None else expected.standard_uncertainty,
             # what was learnt before: a measurement does not judge itself
             learnt_scatter_s2=learnt,
         )
-        if detector.alarm is not None and before.detector.alarm is None and calibration is not None:
+        if detector.alarm is not None and before.detector.alarm is None:
             self._raised.append(Raised(point, self._state, calibration))
         self._keep_session(before)
         self._charts = replace(
@@ -361,7 +387,7 @@ class _Fold:
         self._end_session(closed_session(before.detector, self._state.detector))
 
     def _end_session(self, over: ClosedSession | None) -> None:
-        if over is not None and self._calibration_id is not None:
+        if over is not None:
             self._sessions.append(session_record(self._axis.number, self._calibration_id, self._charts.epoch, over))
 
     def _keep_checkpoint(self, at: datetime) -> None:
@@ -391,14 +417,34 @@ def _learnt_scatter(before: AxisState, point: TrendPoint, declared: float, calib
     return scatter_with_history(before, point.at, conditions, declared, calibration, amplification=amplification)
 
 
+def _feature_of(point: TrendPoint, calibration: Calibration | None) -> Estimate | None:
+    """Return what the charts watch of a measurement; None if it has not what they need."""
+    if calibration is not None:
+        feature, own = point.feature_s2, point.feature_uncertainty_s2
+        return None if feature is None or own is None else Estimate(feature, own)
+    frequency, own = point.frequency_hz, point.frequency_uncertainty_hz
+    if point.refusal_reason is not None or point.preload_n is not None or frequency is None or own is None:
+        return None
+    return inverse_square(Estimate(frequency, own))
+
+
+def _comparable(state: AxisState, point: TrendPoint, calibration: Calibration | None) -> TrendPoint:
+    """Say of a measurement whether charts without a calibration can see a loss in it, as they stand before it."""
+    uncharted = None if point.uncharted == Uncharted.NOT_COMPARABLE else point.uncharted
+    if uncharted is None and _feature_of(point, calibration) is not None and calibration is None:
+        uncharted = None if charts_see(state, _conditions(point)) else str(Uncharted.NOT_COMPARABLE)
+    return replace(point, uncharted=uncharted)
+
+
 def _advanced(
-    state: AxisState, point: TrendPoint, calibration: Calibration, design: DetectorDesign, *, lubricated: bool
+    state: AxisState, point: TrendPoint, calibration: Calibration | None, design: DetectorDesign, *, lubricated: bool
 ) -> AxisState:
-    if point.feature_s2 is None or point.feature_uncertainty_s2 is None:
+    feature = _feature_of(point, calibration)
+    if feature is None:
         return state
     charted = ChartedFeature(
         point.at,
-        Estimate(point.feature_s2, point.feature_uncertainty_s2),
+        feature,
         _conditions(point),
         point.friction_torque_nm,
         in_doubt=point.doubt is not None,
@@ -433,6 +479,19 @@ def _set_aside(connection: Connection, point: TrendPoint) -> TrendPoint:
     if before is None:
         return replace(point, uncharted=uncharted)
     return replace(point, uncharted=uncharted, state=before.state, baseline_preload_n=before.baseline_preload_n)
+
+
+def reasons_of(points: Iterable[TrendPoint]) -> Counter[str]:
+    """Count points that moved no chart, by the reason."""
+    return Counter(point.uncharted for point in points if point.uncharted is not None)
+
+
+def counted(before: CountsByReason, more: Counter[str], less: Counter[str] | None = None) -> CountsByReason:
+    """Return counts with some more and some less, by name and without those that are none."""
+    counts = Counter(before)
+    counts.update(more)
+    counts.subtract(less or {})
+    return {reason: count for reason, count in sorted(counts.items()) if count}
 
 
 def _in_time(point: TrendPoint) -> tuple[datetime, int]:

@@ -43,10 +43,10 @@ def epoch_of_calibration(connection: Connection, axis: AxisRecord, begins_at: da
 
 
 def prior_of_sisters(session: Session, axis: AxisRow) -> Prior | None:
-    """Return what the healthy axes of the same stated type teach now; None without any."""
+    """Return what the healthy, calibrated axes of the same stated type teach now; None without any."""
     learnt = []
     for sister in sisters_of(session, axis):
-        if sister.state != TrendStatus.NORMAL:
+        if sister.state != TrendStatus.NORMAL or sister.active_calibration_id is None:
             continue
         with suppress(DocumentDamagedError):  # it is told of on its own page, and keeps nobody else from learning
             belief = load_state(sister.monitor_state).detector.learnt

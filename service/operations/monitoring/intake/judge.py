@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -20,10 +20,9 @@ from service.documents.stored_measurement import StoredMeasurement
 from service.json_types import JsonObject
 from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
-from service.operations.monitoring.intake.charts import Uncharted, put_in
+from service.operations.monitoring.intake.charts import Uncharted, counted, put_in, reasons_of
 from service.store import intake
 from service.store.intake import JUDGED, REFUSED, AxisRecord, MeasurementRecord
-from service.store.tables import CountsByReason
 from service.store.trend.points import TrendPoint, point_of
 from service.store.trend.rollups import sum_up
 
@@ -105,19 +104,19 @@ def settle(
     folded = put_in(connection, axis, before, new, replaced=replaced, calibration=calibration)
     sum_up(connection, axis.number, {point.at for point in (*new, *replaced)})
     new_alarms = 0
-    if calibration is not None and (folded.raised or folded.again):
+    if folded.raised or folded.again:
         new_alarms = settle_alarms(connection, axis, folded)
     after = replace(
         folded.charts,
         refused_windows=counted(before.refused_windows, refused_windows),
-        uncharted=counted(before.uncharted, _reasons(folded.points.values()), _reasons(replaced)),
+        uncharted=counted(folded.charts.uncharted, reasons_of(folded.points.values()), reasons_of(replaced)),
     )
     if judged or after != before:
         intake.save_charts(connection, axis, before, after)
     return Settled(
         {number: StoredMeasurement.of(documents[number], point) for number, point in folded.points.items()},
         tuple(point.refusal_reason or JUDGED for point in folded.points.values()),
-        tuple(_reasons(folded.points.values()).elements()),
+        tuple(reasons_of(folded.points.values()).elements()),
         new_alarms,
         TrendStatus(after.state),
     )
@@ -157,6 +156,7 @@ def judged_point(
     friction = None if isinstance(outcome.friction, Rejection) else outcome.friction
     drag = None if friction is None or isinstance(friction.drag, Rejection) else friction.drag.drag
     refusal = outcome.refusal
+    doubts = outcome.doubts if outcome.preload is None else () if estimate is None else estimate.doubts
     return TrendPoint(
         axis_number=axis_number,
         at=row.started_at,
@@ -169,6 +169,7 @@ def judged_point(
         refusal_reason=None if refusal is None else str(refusal.reason),
         calibration_id=row.calibration_id,
         frequency_hz=None if modal is None else finite_or_null(modal.mode.frequency.value),
+        frequency_uncertainty_hz=None if modal is None else finite_or_null(modal.mode.frequency.standard_uncertainty),
         preload_n=None if estimate is None else finite_or_null(estimate.preload),
         interval_lower_n=None if estimate is None else finite_or_null(estimate.interval.lower),
         interval_upper_n=None if estimate is None else finite_or_null(estimate.interval.upper),
@@ -180,7 +181,7 @@ def judged_point(
         uncharted=str(Uncharted.PRELOAD_SET) if refusal is None and row.set_preload_n is not None else None,
         state=str(TrendStatus.UNKNOWN),
         baseline_preload_n=None,
-        doubt=None if estimate is None or not estimate.doubts else str(estimate.doubts[0].reason),
+        doubt=str(doubts[0].reason) if doubts else None,
         shown_scatter_s2=None if estimate is None else estimate.feature_scatter,
         place_uncertainty=_place_uncertainty(modal, estimate, calibration),
     )
@@ -200,18 +201,6 @@ def _number(row: MeasurementRecord) -> int:
     if row.id is None:
         raise AssertionError(f"measurement '{row.name}' is stored before it is judged")
     return row.id
-
-
-def _reasons(points: Iterable[TrendPoint]) -> Counter[str]:
-    return Counter(point.uncharted for point in points if point.uncharted is not None)
-
-
-def counted(before: CountsByReason, more: Counter[str], less: Counter[str] | None = None) -> CountsByReason:
-    """Return counts with some more and some less, by name and without those that are none."""
-    counts = Counter(before)
-    counts.update(more)
-    counts.subtract(less or {})
-    return {reason: count for reason, count in sorted(counts.items()) if count}
 
 
 def _refused(rejection: Rejection) -> MeasurementOutcome:
