@@ -192,4 +192,7 @@ def refuse_too_few_settings(position: FloatArray, preload: FloatArray) -> None:
     if preloads < 2:
         missing.append(f"two preloads for k3, got {preloads}")
     if missing:
-        raise NotIdentifiableError(f"a calibration needs, at one payload, at least {' and '.join(missing)}")
+        raise NotIdentifiableError(
+            f"a calibration needs, at one payload, at least {' and '.join(missing)}; with a prior (an earlier "
+            "calibration, or one predicted from identified joints) one reading will do, and the interval is wide"
+        )

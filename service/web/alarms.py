@@ -26,7 +26,7 @@ from service.store.trend.points import Span
 from service.store.trend.shown import ShownPoint
 from service.web.forms import MomentText, ShownRange, moment_of
 from service.web.site import PageOf, done
-from service.web.trend_view import MOST_SHOWN, Charts, Drawn, preload_charts
+from service.web.trend_view import MOST_SHOWN, Charts, Drawn, frequency_charts, preload_charts
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -149,6 +149,9 @@ def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Service
     onset, raised = words(N_("onset")), words(N_("alarm"))
     events = [LaneEvent(evidence.onset, "learnt", onset), LaneEvent(evidence.at, "alarm", raised)]
     nothing = AxisHistory(None, None, None)
+    if evidence.fall is not None:
+        drawn = Drawn.of(points, on.history.of(axis_id).healthy)
+        return frequency_charts(words, axis_id, drawn, shown, history=nothing, events=events)
     return preload_charts(words, axis_id, Drawn.of(points), shown, history=nothing, events=events, level=band)
 
 

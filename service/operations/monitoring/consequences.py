@@ -35,7 +35,7 @@ from service.store import axes, calibrations
 from service.store.database import Database
 from service.store.tables import AxisRow
 from service.store.trend.points import Span, newest_point
-from service.store.trend.sessions import newest_sessions
+from service.store.trend.sessions import UNCALIBRATED, newest_sessions
 from service.store.trend.shown import PageOf, page_of_points
 
 #: The loss that is spoken of [N].
@@ -118,11 +118,9 @@ class _Look:
         return of_limit(old, new, LOSS_N)
 
     def _of_silence(self) -> Iterator[Consequence]:
-        calibration = self.row.active_calibration_id
-        connection, gaps = self.session.connection(), []
-        if calibration is not None:
-            sessions = newest_sessions(connection, self.row.number, calibration, MOST_SESSIONS)
-            gaps = [later.started_at - earlier.last_at for earlier, later in pairwise(sessions)]
+        charted_under = self.row.active_calibration_id or UNCALIBRATED
+        sessions = newest_sessions(self.session.connection(), self.row.number, charted_under, MOST_SESSIONS)
+        gaps = [later.started_at - earlier.last_at for earlier, later in pairwise(sessions)]
 
         def longer(hours: float) -> Gaps:
             n_gaps = sum(gap > timedelta(hours=hours) for gap in gaps)
