@@ -23,6 +23,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from statistics import NormalDist
 
 import numpy as np
 import scipy
@@ -49,7 +50,7 @@ MOST = 40
 _CORRELATION = np.array([structure.correlation for structure in STRUCTURES])[:, None, None]
 _SHARE = np.array([structure.share for structure in STRUCTURES])[:, None, None]
 #: Median of the magnitude of the difference of two standard normal values.
-_MEDIAN_STEP = math.sqrt(2.0) * float(scipy.special.ndtri(0.75))
+_MEDIAN_STEP = math.sqrt(2.0) * NormalDist().inv_cdf(0.75)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ COMMANDS = {
     "import": "Make a session, a motion record or an FRF set of raw files.",
     "identify": "Find the joints of an axis from peaks, responses or a session.",
     "key": "Make and revoke the keys of programs.",
+    "lost-motion": "Measure what an axis loses where it turns back, and which part is play.",
     "modes": "List the modes of a drive model.",
     "mqtt": "Take windows from an MQTT broker to a service.",
     "opcua": "Show preload, state and alarms of a service to OPC UA clients.",
@@ -38,9 +39,11 @@ COMMANDS = {
 }
 
 #: Where a command stands that has no module of its own.
-MODULES = {"restore": "backup", "import": "import_raw", "key": "people", "user": "people"}
+MODULES = {
+    "restore": "backup", "import": "import_raw", "key": "people", "user": "people", "lost-motion": "lost_motion",
+}  # fmt: skip
 #: How its function is called where a keyword of the language has its name.
-FUNCTIONS = {"import": "import_raw"}
+FUNCTIONS = {"import": "import_raw", "lost-motion": "lost_motion"}
 
 #: Objects that may have come, beyond those that went, before the collector looks for rings of them. To import makes
 #: many and hardly a ring, as does a request: to look after every 700, as is usual, takes an eighth of the start of the

@@ -36,6 +36,7 @@ NOT = {
     "modes": (*ANALYSES, *SERVICE),
     "simulate": (*ANALYSES, *SERVICE),
     "frf": (*ANALYSES, *MODELS, *SERVICE),
+    "lost_motion": (*ANALYSES, *MODELS, *SERVICE),
     "estimate": (*ANALYSES, *MODELS, *SERVICE),
     "calibrate": (*ANALYSES, *MODELS, *SERVICE),
     "check": (*ANALYSES, *MODELS, *SERVICE),

@@ -28,9 +28,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from monitor_core.arrays import FloatArray
-from monitor_core.errors import OutsideValidityError
-from monitor_core.recording import Rejection, RejectionReason
+from monitor_core.arrays import FloatArray, SampleArray
+from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason, ResponseQuantity, Window
 from monitor_core.uncertainty import Estimate
 
 #: Reversals below which their scatter says nothing of what they share.
@@ -74,43 +73,44 @@ class LostMotion:
         return self.play.value > chance * self.play.standard_uncertainty
 
 
-def estimate_lost_motion(
-    relative: FloatArray, position: FloatArray, drive: FloatArray | None = None
-) -> LostMotion | Rejection:
-    """Return the lost motion of a record of slow reversals, or why it tells none.
+def estimate_lost_motion(windows: Sequence[Window]) -> LostMotion | Rejection:
+    """Return the lost motion of the slow reversals in windows of one measurement, or why they tell none.
 
-    ``relative``: motor angle times lead over 2π less the scale [m]; ``position``: the scale [m]; ``drive``: torque,
-    force or current of the motor, any unit; each of shape (n_samples,). Without ``drive`` the play is refused, and the
-    reversal value bounds it.
+    The response is the relative displacement, with the position of the table as trace; the excitation a torque, force
+    or current of either sign. Of a commanded acceleration the play is refused, and the reversal value bounds it.
 
     The reversals are fitted together, each with its own force and place of the dead zone: pitch error of the screw,
     ripple of the motor and drift differ from one to the next. The standard uncertainty holds the scatter of the
-    reversals (jackknife), what the fit moves by with half the path, and with a friction that turns over as 1/(1 + u/s)
-    instead of exponentially, for no record says which it is, and a step of the encoders. Go slowly: what both encoders
-    are read apart, times twice the speed, is in the reversal value. ``OutsideValidityError`` where shapes differ or a
-    sample is not finite.
+    reversals (jackknife) and what the fit moves by in three ways: with half the path; with a friction that turns over
+    as 1/(1 + u/s) instead of exponentially, for no record says which it is; and with deflections in steps twice as
+    coarse, for their errors flatten the curve. Go slowly: what both encoders are read apart, times twice the speed, is
+    in the reversal value.
     """
-    for name, samples in (("relative", relative), ("position", position), ("drive", drive)):
-        if samples is not None and (samples.shape != position.shape or not np.all(np.isfinite(samples))):
-            raise OutsideValidityError(
-                f"{name} must be finite and of as many samples as position, {position.size}; got shape {samples.shape}"
+    reversals: list[_Reversal] = []
+    for window in windows:
+        if window.response_quantity is not ResponseQuantity.RELATIVE_DISPLACEMENT or window.position_trace is None:
+            return Rejection(
+                RejectionReason.EXCITATION_SOURCE_MISMATCH,
+                "lost motion needs a relative displacement (motor less scale) and the position of the table; got "
+                f"{window.response_quantity}{'' if window.position_trace is None else ' with position'}",
             )
-    reversals = _reversals(position + relative, position, drive)
+        reversals += _reversals(window.response.astype(np.float64), window.position_trace, window.excitation)
     if len(reversals) < FEWEST_REVERSALS:
         return Rejection(
             RejectionReason.TOO_FEW_AVERAGES,
-            f"lost motion needs at least {FEWEST_REVERSALS} reversals of the motor in a record; got {len(reversals)}",
+            f"lost motion needs at least {FEWEST_REVERSALS} reversals of the motor; got {len(reversals)} in "
+            f"{len(windows)} windows",
         )
     value = _reversal_value(reversals)
-    return LostMotion(
-        value,
-        _play(reversals, value, _step(relative) / math.sqrt(12.0)) if drive is not None else _NO_DRIVE,
-        len(reversals),
-    )
+    if windows[0].excitation_quantity is ExcitationQuantity.ACCELERATION:
+        return LostMotion(value, _NO_DRIVE, len(reversals))
+    step = min(_step(window.response) for window in windows)
+    return LostMotion(value, _play(reversals, value, step), len(reversals))
 
 
 _NO_DRIVE = Rejection(
-    RejectionReason.LITTLE_EXCITATION, "play is told from wind-up by the torque or current of the motor; got none"
+    RejectionReason.EXCITATION_SOURCE_MISMATCH,
+    "play is told from wind-up by the torque or current of the motor; got a commanded acceleration",
 )
 
 
@@ -141,9 +141,9 @@ def _turning_points(motor: FloatArray) -> list[int]:
     return turns
 
 
-def _reversals(motor: FloatArray, position: FloatArray, drive: FloatArray | None) -> list[_Reversal]:
+def _reversals(relative: FloatArray, position: FloatArray, drive: SampleArray) -> list[_Reversal]:
     """Cut a record at the turning points of the motor; the end of the last way back needs no turn."""
-    relative, force = motor - position, np.zeros_like(motor) if drive is None else drive
+    motor, force = position + relative, drive.astype(np.float64)
     turns = _turning_points(motor)
     reversals = []
     for begin, turn, end in zip([0, *turns], turns, [*turns[1:], motor.size], strict=False):
@@ -174,10 +174,10 @@ def _reversal_value(reversals: Sequence[_Reversal]) -> Estimate:
     return Estimate(float(both.mean()), uncertainty, max(0.5 * both.size, 1.0))
 
 
-def _play(reversals: Sequence[_Reversal], value: Estimate, resolution: float) -> Estimate | Rejection:
+def _play(reversals: Sequence[_Reversal], value: Estimate, step: float) -> Estimate | Rejection:
     """Return the play, or, where the fit knows less, that it is anything up to the reversal value."""
-    if not value.value > _SEEN * max(value.standard_uncertainty, resolution):
-        anything = max(value.value, resolution)
+    if not value.value > _SEEN * max(value.standard_uncertainty, step):
+        anything = max(value.value, step)
         return Estimate(0.5 * anything, _UNIFORM * anything)
     far, near = (_DeadZoneFit(reversals, value.value, reach) for reach in _REACHES[::-1])
     if near.off.size < _FEWEST_SAMPLES * len(reversals):
@@ -187,18 +187,24 @@ def _play(reversals: Sequence[_Reversal], value: Estimate, resolution: float) ->
             f"{near.off.size / len(reversals):.1f}: reverse more slowly",
         )
     best = far.solve(_exponential)
-    others = (far.solve(_hyperbolic, best.numbers), near.solve(_exponential, best.numbers))
+    coarse = _DeadZoneFit(reversals, value.value, _REACHES[1], 2.0 * step)
+    others = (
+        far.solve(_hyperbolic, best.numbers),
+        near.solve(_exponential, best.numbers),
+        coarse.solve(_exponential, best.numbers),
+    )
     plays = [float(solution.numbers[0]) for solution in (best, *others)]
-    uncertainty = math.hypot(far.jackknife(best), max(plays) - min(plays), resolution / value.value)
+    uncertainty = math.hypot(far.jackknife(best), max(plays) - min(plays), step / math.sqrt(12.0) / value.value)
     if not uncertainty < _UNIFORM:
         return Estimate(0.5 * value.value, _UNIFORM * value.value)
     return Estimate(plays[0] * value.value, uncertainty * value.value, len(reversals) - 1)
 
 
-def _step(values: FloatArray) -> float:
+def _step(values: SampleArray) -> float:
     """Return the smallest step between values that differ, to rounding."""
-    steps = np.abs(np.diff(values))
-    return float(steps[steps > 1e-6 * np.ptp(values)].min(initial=np.ptp(values)))
+    steps = np.abs(np.diff(values.astype(np.float64)))
+    reach = float(np.ptp(values))
+    return float(steps[steps > 1e-6 * reach].min(initial=reach))
 
 
 def _exponential(path: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -235,18 +241,22 @@ class _DeadZoneFit:
     Lengths are in reversal values, forces in the range of a reversal.
     """
 
-    def __init__(self, reversals: Sequence[_Reversal], value: float, reach: float) -> None:
+    def __init__(self, reversals: Sequence[_Reversal], value: float, reach: float, step: float = 0.0) -> None:
         pieces = []
         for reversal in reversals:
             end = int(np.argmax(reversal.travel > reach * value)) or reversal.travel.size
             # the dead zone lies in the middle between both levels: friction winds the drive up as far either way
             off = reversal.deflection[:end] + 0.5 * reversal.value
+            off = np.round(off / step) * step if step > 0.0 else off
             columns = (reversal.travel[:end] / value, off / value, reversal.force[:end])
             pieces.append([_averaged(column, max(end // _MOST_SAMPLES, 1)) for column in columns])
         span = float(np.median([np.ptp(force) for *_, force in pieces]))
         self.n = len(pieces)
         self.of = np.repeat(np.arange(self.n), [force.size for *_, force in pieces])
         self.travel, self.off, self.force = (np.concatenate(column) for column in zip(*pieces, strict=True))
+        # against the old sense the force falls, whichever way it counts
+        falls = sum(float(force[0] - force[-1]) for *_, force in pieces)
+        span = math.copysign(span, falls)
         self.force = self.force / span
         self.middles = np.array([0.5 * (force[0] + force[-1]) / span for *_, force in pieces])
 
