@@ -2,6 +2,7 @@
 
 import json
 import sqlite3
+import time
 from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
@@ -63,7 +64,11 @@ def test_measurements_take_little_room_and_older_ones_are_read(tmp_path: Path) -
         api.register("axis", minimum_averages=2)
         for number in range(2):
             if number == 1:
-                api.calibrate("axis")
+                api.calibrate("axis")  # a job judges by it what was watched without
+                deadline = time.monotonic() + 30.0
+                while api.trend("axis")[0]["preload_n"] is None:
+                    assert time.monotonic() < deadline
+                    time.sleep(0.05)
             at = START + timedelta(hours=number)
             api.accept("axis", simulated_measurement(rng, f"m{number}", n_windows=4, started_at=at), complete=True)
         told = ask(api)

@@ -47,7 +47,7 @@ BAD_WINDOWS: dict[str, tuple[dict[str, Any], str, str]] = {
     "number as text": (changed(position_mm="500"), "/position_mm", "valid number; got '500'"),
     "boolean as number": (changed(payload_kg=True), "/payload_kg", "valid number; got True"),
     "unit of another quantity": (changed(excitation_unit="N"), "body", "must be N.m; got N"),
-    "undeclared unit": (changed(response_unit="g"), "/response_unit", "'m/s2'; got 'g'"),
+    "undeclared unit": (changed(response_unit="g"), "/response_unit", "'m/s2', 'm/s', 'm', 'rad/s' or 'rad'; got 'g'"),
     "samples of two lengths": (changed(response=[1.0, 2.0]), "body", "excitation (1024); got 2"),
     "no samples": (changed(excitation=[], response=[]), "body", "at least one sample"),
     "null among samples": (changed(response=[1.0, None]), "/response", "got NoneType"),

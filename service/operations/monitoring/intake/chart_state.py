@@ -107,11 +107,10 @@ def _with_numbers(member: Json) -> Json:
 _STATE = StoredRecord(
     "state of the charts",
     _ADAPTER,
-    version=8,  # several numbers are watched together
+    version=8,  # several numbers are watched together, and axes without a calibration
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
     packed=_packed,
     unpacked=_unpacked,
-    added=frozenset({"law", "sums"}),
 )
 
 _DESIGN = StoredRecord(
