@@ -236,7 +236,9 @@ def test_what_ends_a_service_gently_leaves_its_process_to_it(
 ) -> None:
     """A terminal interrupts all, and systemd terminates all: frames under way are still wanted, the first one, too."""
     with store.begin_write("axis", [window(0)], NOW) as writing:
-        (process,) = writing_processes(os.getpid())
+        while not (processes := writing_processes(os.getpid())):  # which has its name once it is more than a copy
+            time.sleep(0.001)
+        (process,) = processes
         os.kill(process, signal_of_all)  # while it starts
         places = writing.sync()
         writing.keep()

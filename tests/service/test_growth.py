@@ -113,7 +113,7 @@ def costs(folder: Path, n_measurements: int) -> dict[str, tuple[int, int]]:
 
         def measure(name: str, path: str, **query: object) -> None:
             taken = []
-            for _ in range(3):  # what is read once is remembered; after a commit of the service's own, anew
+            for _ in range(5):  # what is read once is remembered; after a commit of the service's own, anew
                 steps.counted = 0
                 answer = api.http.get(path, params=query)
                 assert answer.status_code == 200, (path, answer.text)
