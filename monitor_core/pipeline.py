@@ -36,7 +36,7 @@ from monitor_core.preload import (
 from monitor_core.preload.budget import THERMOMETER_OFFSET, lagging
 from monitor_core.preload.doubts import PlaceReading, Places
 from monitor_core.preload.drag_torque import Friction, estimate_friction
-from monitor_core.preload.estimate import place_reading, refuse_other_channels
+from monitor_core.preload.estimate import new_each_time, place_reading, refuse_other_channels
 from monitor_core.preload.fit import BETWEEN_SESSIONS
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, gate_window
@@ -333,7 +333,7 @@ def advance(
     friction = None if isinstance(outcome.friction, Rejection) else outcome.friction.torque.value
     conditions = outcome.modal.conditions
     if outcome.preload is None or calibration is None:
-        feature = inverse_square(outcome.modal.mode.frequency)
+        feature = inverse_square(outcome.modal.mode.frequency, outcome.modal.random_uncertainty)
         charted = ChartedFeature(at, feature, conditions, friction, bool(outcome.doubts))
         return advance_feature(state, charted, calibration=None, design=design)
     return advance_estimate(
@@ -341,10 +341,13 @@ def advance(
     )
 
 
-def inverse_square(frequency: Estimate) -> Estimate:
-    """Return 1/f² of a frequency [Hz]: what is watched without a calibration [s²]."""
-    f = frequency.value
-    return Estimate(f**-2.0, 2.0 * frequency.standard_uncertainty * f**-3.0)
+def inverse_square(frequency: Estimate, random_uncertainty: float | None = None) -> Estimate:
+    """Return 1/f² of a frequency [Hz]: what is watched without a calibration [s²].
+
+    With what is new of its uncertainty in each measurement, as :func:`monitor_core.preload.estimate_preload` has it.
+    """
+    f, own = frequency.value, frequency.standard_uncertainty * new_each_time(frequency, random_uncertainty)
+    return Estimate(f**-2.0, 2.0 * own * f**-3.0)
 
 
 def advance_estimate(

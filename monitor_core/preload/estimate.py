@@ -184,7 +184,7 @@ def estimate_preload(
         preload=preload,
         interval=_fieller_interval(feature, calibration, budget),
         feature=stated_feature,
-        feature_own_uncertainty=math.sqrt(budget.frequency) * _new_each_time(frequency, random_uncertainty),
+        feature_own_uncertainty=math.sqrt(budget.frequency) * new_each_time(frequency, random_uncertainty),
         feature_systematic_uncertainty=math.sqrt(systematic),
         feature_scatter=math.sqrt(budget.shown),
         shares=budget.shares,
@@ -318,8 +318,8 @@ def _fieller_interval(feature: float, calibration: Calibration, budget: Uncertai
     return Interval(high**-3.0, low**-3.0 if low > 0.0 else math.inf, IntervalKind.COVERAGE, LEVEL)
 
 
-def _new_each_time(frequency: Estimate, random_uncertainty: float | None) -> float:
-    """Return the part of a frequency's uncertainty that is new in each measurement [-]."""
+def new_each_time(frequency: Estimate, random_uncertainty: float | None) -> float:
+    """Return the part of a frequency's standard uncertainty that is new in each measurement [-]."""
     if random_uncertainty is None or frequency.standard_uncertainty == 0.0:
         return 1.0
     return min(random_uncertainty / frequency.standard_uncertainty, 1.0)

@@ -110,6 +110,33 @@ def test_a_preload_set_on_purpose_never_enters_the_charts(measurements, calibrat
     assert advance(AxisState(), outcome, at, calibration=calibration, design=charts()) == AxisState()
 
 
+def test_errors_of_the_fitted_model_do_not_blind_charts_without_a_calibration(measurements) -> None:
+    """They are the same in each measurement: 0.2 Hz of them hide no fall by five of the 0.02 Hz that sessions scatter.
+
+    The interval of a measurement holds them all the same.
+    """
+    rng, state, start = np.random.default_rng(12), AxisState(), datetime(2025, 1, 1, tzinfo=UTC)
+    outcome = judge_measurement([unset(window) for window in measurements[0]], SETTINGS, None)
+    modal = outcome.modal
+    assert isinstance(modal, ModalMeasurement)
+    healthy, fallen = 40, 20
+    for day in range(healthy + fallen):
+        frequency = Estimate(180.0 + rng.normal(0.0, 0.02) - 0.1 * (day >= healthy), 0.2)
+        mode = replace(modal.mode, frequency=frequency)
+        of_day = replace(outcome, modal=replace(modal, mode=mode, random_uncertainty=0.005))
+        state = advance(state, of_day, start + timedelta(days=day), calibration=None, design=charts())
+        if day == healthy - 1:
+            assert state.detector.baseline is not None
+            assert state.detector.alarm is None
+    assert state.detector.alarm is not None
+    assert state.detector.alarm.onset >= start + timedelta(days=healthy - 1)
+
+
+def unset(window: Window) -> Window:
+    """Return a window whose preload nobody has set."""
+    return replace(window, conditions=replace(window.conditions, preload=None))
+
+
 @pytest.mark.release
 def test_false_alarms_of_the_whole_road_agree_with_the_design_rate() -> None:
     """A hundred axis-years of healthy frequencies at random places through calibration, estimate and charts.

@@ -1,14 +1,24 @@
 """An axis without a calibration is watched from its first measurement: percent of its frequency, never newtons."""
 
+import json
 import re
+import sqlite3
 import time
 from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
 import pytest
+import scipy.signal
 
-from tests.service.conftest import START, Api, axial_frequency, simulated_measurement
+from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import AxisSettings, AxisState, advance, judge_measurement
+from monitor_core.recording import Window
+from monitor_core.trend import DetectorSettings, LossDirection, design_detector
+from service.operations.monitoring.intake.chart_state import load_state
+from tests.service.conftest import SAMPLE_RATE, START, Api, axial_frequency, simulated_measurement
 
 N_HEALTHY, N_LOST = 12, 5
 PLACES_MM = (400.0, 500.0, 600.0)
@@ -78,3 +88,31 @@ def test_a_calibration_judges_the_history_anew_and_its_alarm_stays_the_same(watc
     assert after["evidence"]["preload_loss_n"] == pytest.approx(200.0, abs=60.0)
     assert after["evidence"]["onset"] == before["evidence"]["onset"]
     assert watched.axis("watched")["state"] == "alarm"
+
+
+def test_charts_of_the_service_take_for_scatter_what_is_new_in_each_measurement(shared_api: Api) -> None:
+    """As the core does with the same windows; a second mode makes errors of the model, which are many times larger."""
+    windows = [_with_second_mode(window) for window in simulated_measurement(np.random.default_rng(1), "m")]
+    shared_api.register("two-modes", windows_per_measurement=len(windows))
+    shared_api.accept("two-modes", windows)
+    outcome = judge_measurement(windows, AxisSettings(search_band=(140.0, 230.0)), None)
+    assert isinstance(outcome.modal, ModalMeasurement)
+    frequency = outcome.modal.mode.frequency
+    design = design_detector(DetectorSettings(loss=LossDirection.RISE))
+    live = advance(AxisState(), outcome, windows[0].started_at, calibration=None, design=design).detector.session
+    with closing(sqlite3.connect(shared_api.data_dir / "preload.db")) as connection:
+        ((text,),) = connection.execute("SELECT monitor_state FROM axes WHERE id = 'two-modes'").fetchall()
+    stored = load_state(json.loads(text)).detector.session
+    assert live is not None
+    assert stored is not None
+    assert stored.own_variance == pytest.approx(live.own_variance, rel=1e-6)
+    whole = 2.0 * frequency.standard_uncertainty / frequency.value**3
+    assert stored.own_variance < (0.2 * whole) ** 2
+
+
+def _with_second_mode(window: Window) -> Window:
+    """Add a mode at 200 Hz to the response, a third as strong as the axial one at 179.5 Hz."""
+    omega = 2.0 * np.pi * 200.0
+    b, a = scipy.signal.bilinear([0.3, 0.0, 0.0], [1.0, 0.04 * omega, omega**2], SAMPLE_RATE)
+    response = window.response + scipy.signal.lfilter(b, a, window.excitation)
+    return replace(window, response=response.astype(np.float32))

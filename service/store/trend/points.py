@@ -45,7 +45,7 @@ class TrendPoint:
     interval_upper_n: float | None
     drag_torque_nm: float | None
     feature_s2: float | None
-    feature_uncertainty_s2: float | None  # of the frequency alone
+    feature_uncertainty_s2: float | None  # new with this frequency; without a calibration of 1/f²
     epoch: int  # of the charts, when it was judged
     uncharted: str | None  # why it moved no chart
     state: str  # of the axis, after this measurement

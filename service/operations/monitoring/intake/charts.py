@@ -422,10 +422,12 @@ def _feature_of(point: TrendPoint, calibration: Calibration | None) -> Estimate 
     if calibration is not None:
         feature, own = point.feature_s2, point.feature_uncertainty_s2
         return None if feature is None or own is None else Estimate(feature, own)
-    frequency, own = point.frequency_hz, point.frequency_uncertainty_hz
-    if point.refusal_reason is not None or point.preload_n is not None or frequency is None or own is None:
+    frequency, whole = point.frequency_hz, point.frequency_uncertainty_hz
+    if point.refusal_reason is not None or point.preload_n is not None or frequency is None or whole is None:
         return None
-    return inverse_square(Estimate(frequency, own))
+    watched, own = inverse_square(Estimate(frequency, whole)), point.feature_uncertainty_s2
+    # a measurement that an older program judged holds the whole only
+    return watched if own is None else replace(watched, standard_uncertainty=own)
 
 
 def _comparable(state: AxisState, point: TrendPoint, calibration: Calibration | None) -> TrendPoint:

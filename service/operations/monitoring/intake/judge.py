@@ -9,7 +9,7 @@ from datetime import datetime
 from sqlalchemy import Connection
 
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import MeasurementOutcome, judge_measurement
+from monitor_core.pipeline import MeasurementOutcome, inverse_square, judge_measurement
 from monitor_core.preload import Calibration, PreloadEstimate, place_reading
 from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.elements.units import to_millimetres
@@ -176,7 +176,7 @@ def judged_point(
         drag_torque_nm=None if drag is None else finite_or_null(drag.value),
         friction_torque_nm=None if friction is None else finite_or_null(friction.torque.value),
         feature_s2=None if estimate is None else estimate.feature.value,
-        feature_uncertainty_s2=None if estimate is None else estimate.feature_own_uncertainty,
+        feature_uncertainty_s2=_own_uncertainty(outcome),
         epoch=epoch,
         uncharted=str(Uncharted.PRELOAD_SET) if refusal is None and row.set_preload_n is not None else None,
         state=str(TrendStatus.UNKNOWN),
@@ -185,6 +185,16 @@ def judged_point(
         shown_scatter_s2=None if estimate is None else estimate.feature_scatter,
         place_uncertainty=_place_uncertainty(modal, estimate, calibration),
     )
+
+
+def _own_uncertainty(outcome: MeasurementOutcome) -> float | None:
+    """Return what is new in each measurement of what the charts watch: the feature, or 1/f² without a calibration."""
+    if isinstance(outcome.preload, PreloadEstimate):
+        return outcome.preload.feature_own_uncertainty
+    if isinstance(outcome.modal, Rejection) or outcome.preload is not None:
+        return None
+    own = inverse_square(outcome.modal.mode.frequency, outcome.modal.random_uncertainty)
+    return finite_or_null(own.standard_uncertainty)
 
 
 def _place_uncertainty(
