@@ -52,7 +52,11 @@ _ADAPTER: TypeAdapter[AxisState] = TypeAdapter(
 
 
 def _text_of(numbers: Numbers) -> str:
-    return base64.b64encode(numbers.numbers().astype("<f8").tobytes()).decode()
+    return _text(numbers.numbers())
+
+
+def _text(numbers: FloatArray | list[float]) -> str:
+    return base64.b64encode(np.asarray(numbers, dtype="<f8").tobytes()).decode()
 
 
 def _packed(state: AxisState) -> JsonObject:
@@ -69,9 +73,9 @@ def _packed(state: AxisState) -> JsonObject:
         members["known"] = _AS_LEARNT
     del members["foreseen"]
     for name in _OF_JOINT:
-        if document["joint"][name] is not None:
-            numbers = np.array(document["joint"][name]["numbers"], dtype="<f8")
-            document["joint"][name]["numbers"] = base64.b64encode(numbers.tobytes()).decode()
+        member = document["joint"][name]
+        if member is not None:
+            member["numbers"] = _text(member["numbers"])
     return dict(document)
 
 
@@ -80,27 +84,28 @@ def _unpacked(document: JsonObject) -> AxisState:
     stored = document.get("detector")
     if not isinstance(stored, dict):
         return _ADAPTER.validate_python(document)
-    detector = stored | {"foreseen": None}
+    detector: dict[str, object] = stored | {"foreseen": None}
     for name, (arrays, of) in _PACKED.items():
-        member = detector.get(name)
-        if isinstance(member, dict) and isinstance(member.get("numbers"), str):
-            with suppress(ValueError):
-                numbers = np.frombuffer(base64.b64decode(member["numbers"], validate=True), "<f8")
-                left = {key: value for key, value in member.items() if key != "numbers"}
-                detector[name] = left | {arrays: of(numbers)}
+        if name in stored:
+            detector[name] = _with_numbers(stored[name], arrays, of)
+    members: dict[str, object] = {**document, "detector": detector}
     joint = document.get("joint")
     if isinstance(joint, dict):
-        document = document | {"joint": joint | {name: _with_numbers(joint.get(name)) for name in _OF_JOINT}}
+        numbers = {name: _with_numbers(joint.get(name), "numbers", np.ndarray.tolist) for name in _OF_JOINT}
+        members["joint"] = joint | numbers
     as_learnt = detector.get("known") == _AS_LEARNT
-    state = _ADAPTER.validate_python(document | {"detector": detector | ({"known": None} if as_learnt else {})})
+    if as_learnt:
+        detector["known"] = None
+    state = _ADAPTER.validate_python(members)
     return replace(state, detector=replace(state.detector, known=state.detector.learnt)) if as_learnt else state
 
 
-def _with_numbers(member: Json) -> Json:
+def _with_numbers(member: object, name: str, of: Callable[[FloatArray], object]) -> object:
+    """Return a member with its packed numbers unpacked under a name; one that holds none is left as it is."""
     if isinstance(member, dict) and isinstance(member.get("numbers"), str):
         with suppress(ValueError):
-            numbers = np.frombuffer(base64.b64decode(str(member["numbers"]), validate=True), "<f8")
-            return member | {"numbers": numbers.tolist()}
+            numbers = np.frombuffer(base64.b64decode(member["numbers"], validate=True), "<f8")
+            return {key: value for key, value in member.items() if key != "numbers"} | {name: of(numbers)}
     return member
 
 
@@ -156,18 +161,14 @@ def begun(epoch: EpochRecord, before: AxisState) -> AxisState:
     sisters lent: the charts watch another number now, or another axis.
     """
     if epoch.begun_by == INSPECTION:
-        return AxisState(reset(before.detector), law=None if before.sums else before.law)
+        law = None if before.sums else before.law
+        return AxisState(reset(before.detector), law=law, joint=joint_reset(before.joint))
     if epoch.begun_by == UNKNOWN:
-        return AxisState(load_state(epoch.state).detector)
+        stored = load_state(epoch.state)
+        return AxisState(stored.detector, joint=stored.joint)
     prior = load_state(epoch.state).detector.prior if epoch.begun_by == CALIBRATION else before.detector.prior
-    return AxisState(DetectorState(last_at=before.detector.last_at, prior=prior))
-
-
-def joint_begun(epoch: EpochRecord, before: JointState) -> JointState:
-    """Return the joint chart as it begins an epoch, as :func:`begun` does."""
-    if epoch.begun_by == INSPECTION:
-        return joint_reset(before)
-    return load_state(epoch.state).joint if epoch.begun_by == UNKNOWN else JointState(last_at=before.last_at)
+    detector = DetectorState(last_at=before.detector.last_at, prior=prior)
+    return AxisState(detector, joint=JointState(last_at=before.joint.last_at))
 
 
 def state_now(axis: AxisRow, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:

@@ -32,7 +32,6 @@ from monitor_core.uncertainty import Estimate
 from service.operations.monitoring.intake.chart_state import (
     begun,
     dump_state,
-    joint_begun,
     load_design,
     load_state,
     session_record,
@@ -224,8 +223,7 @@ class _Fold:
     def enter(self, epoch: EpochRecord) -> None:
         """Begin an epoch: what was learnt before it holds no more, or its level does not."""
         before = self._state.detector
-        joint = joint_begun(epoch, self._state.joint)
-        self._state = replace(begun(epoch, self._state), joint=joint)
+        self._state = begun(epoch, self._state)
         over = closed_session(before, self._state.detector)
         if epoch.begun_by in (CALIBRATION, UNKNOWN):
             self._take_calibration(epoch.calibration_id)
