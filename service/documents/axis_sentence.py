@@ -32,6 +32,7 @@ class OpenAlarm:
     other_cause: str | None = None  # what was examined says that it is not the preload
     loss: Loss | None = None  # of a preload that falls while its baseline is learnt
     fall: FrequencyFall | None = None  # of the frequency when it was raised, without a calibration
+    while_learning: bool = False  # there is no baseline, and none is learnt until it is cleared
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,30 +122,13 @@ def _uncalibrated(facts: AxisFacts) -> Standing:
 
 
 def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
-    if alarm.loss is not None:
+    sentence = _what_is_lost(facts, alarm)
+    if alarm.while_learning:
         step = N_(
             "Inspect nut, bearings and mounting. When the axis is in order, clear the alarm: a new baseline is learnt "
             "from then on."
         )
-        return Standing(falls_while_learning(alarm.onset, alarm.loss), Said(step))
-    lost = None if alarm.baseline is None or facts.preload is None else alarm.baseline - facts.preload
-    values: dict[str, Value] = {"day": alarm.onset}
-    if alarm.other_cause is not None:
-        text = N_("Since %(day)s the frequency is lower, as when preload is lost. What was measured says: %(cause)s.")
-        sentence = Said(text, values | {"cause": alarm.other_cause})
-    elif (fall := facts.fall if facts.fall is not None and facts.fall.is_evident else alarm.fall) is not None:
-        sentence = fall_sentence(fall, alarm.onset)
-    elif lost is not None and lost > 0.0 and facts.last_at is not None:
-        days = (facts.last_at - alarm.onset).total_seconds() / 86400.0
-        text = N_("%(lost)s N of preload were lost since %(day)s.")
-        if days >= 1.0:
-            text = N_("%(lost)s N of preload were lost since %(day)s, about %(rate)s N a day.")
-        sentence = Said(text, values | {"lost": round(lost), "rate": lost / max(days, 1.0)})
-    else:
-        text = N_("Preload is lower than the baseline since %(day)s.")
-        if facts.in_force is None:
-            text = N_("The natural frequency is lower than the baseline since %(day)s.")
-        sentence = Said(text, values)
+        return Standing(sentence, Said(step))
     if facts.is_silent and facts.heard_at is not None:
         step = N_(
             "Nothing was accepted since %(day)s: see that the axis is measured, then check nut preload and lubrication."
@@ -152,6 +136,29 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
         return Standing(sentence, Said(step, {"day": facts.heard_at}))
     step = N_("Measure at another position, compare the friction torque, check nut preload and lubrication.")
     return Standing(sentence, Said(step))
+
+
+def _what_is_lost(facts: AxisFacts, alarm: OpenAlarm) -> Said:
+    if alarm.loss is not None:
+        return falls_while_learning(alarm.onset, alarm.loss)
+    values: dict[str, Value] = {"day": alarm.onset}
+    if alarm.other_cause is not None:
+        text = N_("Since %(day)s the frequency is lower, as when preload is lost. What was measured says: %(cause)s.")
+        return Said(text, values | {"cause": alarm.other_cause})
+    fall = facts.fall if facts.fall is not None and facts.fall.is_evident else alarm.fall
+    if fall is not None:
+        return fall_sentence(fall, alarm.onset)
+    lost = None if alarm.baseline is None or facts.preload is None else alarm.baseline - facts.preload
+    if lost is not None and lost > 0.0 and facts.last_at is not None:
+        days = (facts.last_at - alarm.onset).total_seconds() / 86400.0
+        text = N_("%(lost)s N of preload were lost since %(day)s.")
+        if days >= 1.0:
+            text = N_("%(lost)s N of preload were lost since %(day)s, about %(rate)s N a day.")
+        return Said(text, values | {"lost": round(lost), "rate": lost / max(days, 1.0)})
+    text = N_("Preload is lower than the baseline since %(day)s.")
+    if facts.in_force is None:
+        text = N_("The natural frequency is lower than the baseline since %(day)s.")
+    return Said(text, values)
 
 
 def falls_while_learning(onset: datetime, loss: Loss) -> Said:

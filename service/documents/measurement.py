@@ -469,10 +469,16 @@ class AlarmEvidence:
     frequency_fall_interval_95_percent: tuple[float, float] | None = None
     preload_lost_if_preload_percent: tuple[float, float] | None = None
     share_by_model: bool = False
+    chart: str | None = None
+
+    @property
+    def while_learning(self) -> bool:
+        """Whether the axis fell while its baseline was learnt, so that there is none to compare with."""
+        return self.chart == Chart.TREND
 
     @property
     def loss(self) -> Loss | None:
-        """What is lost of a preload that falls while its baseline is learnt; None: it fell below one."""
+        """What is lost of a preload that falls while its baseline is learnt; None: below one, or only a frequency."""
         if self.loss_percent is None or self.loss_interval_95_percent is None:
             return None
         lower, upper = self.loss_interval_95_percent

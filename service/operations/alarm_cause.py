@@ -108,7 +108,7 @@ class AlarmExplanations:
                 waits = any(row.status == jobs.QUEUED for row in jobs.unfinished_jobs(session, KIND, axis_id))
             if waits or not newest or newest[0].status == alarms.CLEARED:
                 return
-            if read_evidence(newest[0].evidence).loss is not None:  # there is no baseline to compare with
+            if read_evidence(newest[0].evidence).while_learning:  # there is no baseline to compare with
                 return
             case = self._case(newest[0].id)
             if not case.settled and case.lacks() is None:

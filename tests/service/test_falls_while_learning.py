@@ -71,3 +71,17 @@ def test_what_arrives_late_and_shows_that_it_does_not_fall_takes_the_alarm_back(
     measure(falling, range(-8, 0), [200.0, 190.0, 210.0, 185.0, 215.0, 195.0, 205.0, 200.0])
     (alarm,) = falling.http.get("/v1/alarms", params={"status": "withdrawn"}).json()["alarms"]
     assert alarm["events"][-1]["new_status"] == "withdrawn"
+
+
+def test_without_a_calibration_the_page_asks_to_clear_it_and_no_cause_is_looked_for(
+    api: Api, caplog: pytest.LogCaptureFixture
+) -> None:
+    api.register("mill", **CONFIGURATION)
+    measure(api, range(N_DAYS), [300.0 - LOST * day / (N_DAYS - 1) for day in range(N_DAYS)])
+    (alarm,) = api.http.get("/v1/alarms", params={"axis": "mill"}).json()["alarms"]
+    assert (alarm["evidence"]["chart"], alarm["explanation"]["reason"]) == ("trend", "no-baseline")
+    assert alarm["evidence"]["frequency_fall_percent"] > 0.0
+    page = api.http.get("/axes/mill").text
+    assert "the natural frequency fell by" in page
+    assert "clear the alarm: a new baseline is learnt" in page
+    assert "waits for its explanation" not in caplog.text

@@ -65,6 +65,7 @@ def open_alarm(alarms: Sequence[AlarmView]) -> OpenAlarm | None:
         other_cause=cause.sentence if is_other else None,
         loss=evidence.loss,
         fall=evidence.fall,
+        while_learning=evidence.while_learning,
     )
 
 
