@@ -37,6 +37,7 @@ from monitor_core.preload.budget import THERMOMETER_OFFSET, lagging
 from monitor_core.preload.doubts import PlaceReading, Places
 from monitor_core.preload.drag_torque import Friction, estimate_friction
 from monitor_core.preload.estimate import new_each_time, place_reading, refuse_other_channels
+from monitor_core.preload.feature import position_part
 from monitor_core.preload.fit import BETWEEN_SESSIONS
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, gate_window
@@ -426,7 +427,7 @@ def advance_feature(
         # what a law that is still being learnt makes of it is no number to learn from
         joint=state.joint
         if state.sums
-        else joint_step(state.joint, _numbers_of(charted, observation), design, WATCHED_TOGETHER),
+        else joint_step(state.joint, _numbers_of(charted, observation, calibration), design, WATCHED_TOGETHER),
         sums=() if detector.known is not None else state.sums,
     )
 
@@ -435,9 +436,17 @@ def advance_feature(
 WATCHED_TOGETHER = {"frequency": LossDirection.FALL, "friction-torque": LossDirection.FALL}
 
 
-def _numbers_of(charted: ChartedFeature, observation: Observation) -> JointObservation:
-    """Return the logarithms of what a measurement is watched by; of the frequency that of what the charts watch."""
-    numbers = {"frequency": -0.5 * math.log(observation.value)} if observation.value > 0.0 else {}
+def _numbers_of(charted: ChartedFeature, observation: Observation, calibration: Calibration | None) -> JointObservation:
+    """Return the logarithms of what a measurement is watched by; the frequency is that at one place of the axis.
+
+    Without a calibration the mean conditions of the baseline, else the middle of the travel: a preload feature alone is
+    a small part of 1/f², and would change many times as much.
+    """
+    inverse = observation.value
+    if calibration is not None:
+        middle = 0.5 * (calibration.position.lower + calibration.position.upper)
+        inverse += float(position_part(middle, calibration.coefficients))
+    numbers = {"frequency": -0.5 * math.log(inverse)} if inverse > 0.0 else {}
     if charted.friction_torque is not None and charted.friction_torque > 0.0:
         numbers["friction-torque"] = math.log(charted.friction_torque)
     return JointObservation(charted.at, numbers, observation.temperature, observation.in_doubt, observation.lubricated)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
+from monitor_core.preload import preload_feature
 from monitor_core.recording import Conditions
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
@@ -20,28 +21,28 @@ DESIGN = design_detector(DetectorSettings(loss=LossDirection.RISE))
 
 
 def _fold(days: int, lost_from: int, lost: tuple[float, float], *, friction: bool = True) -> AxisState:
-    """Return the state of an axis whose frequency and friction torque scatter by 0.3 and 2 % and fall by so much."""
-    rng, state = np.random.default_rng(3), AxisState()
+    """Return the state of a calibrated axis whose frequency and torque scatter by 0.3 and 2 % and fall by so much."""
+    rng, state, calibration = np.random.default_rng(3), AxisState(), bundled_calibration()
     for day in range(days):
         fall = np.array(lost) * (day >= lost_from)
-        frequency = 590.0 * (1.0 + 0.003 * rng.normal() - fall[0])
+        frequency = 178.0 * (1.0 + 0.003 * rng.normal() - fall[0])
         torque = 0.4 * (1.0 + 0.02 * rng.normal() - fall[1])
         charted = ChartedFeature(
             START + timedelta(days=day),
-            Estimate(frequency**-2.0, 0.0),
+            Estimate(preload_feature(frequency, 0.5, calibration.coefficients), 0.0),
             Conditions(0.5, 0.0, 21.0),
             torque if friction else None,
         )
-        state = advance_feature(state, charted, calibration=bundled_calibration(), design=DESIGN)
+        state = advance_feature(state, charted, calibration=calibration, design=DESIGN)
         state = load_state(dump_state(state))
     return state
 
 
 def test_an_alarm_names_each_number_with_its_change_and_its_share() -> None:
-    view = together_view(_fold(50, 40, (0.012, 0.08)).joint, DESIGN)
+    view = together_view(_fold(50, 40, (0.03, 0.08)).joint, DESIGN)
     assert view.alarm is not None
     changes = {number.number: number for number in view.alarm.numbers}
-    for name, percent in (("frequency", -1.2), ("friction-torque", -8.0)):
+    for name, percent in (("frequency", -3.0), ("friction-torque", -8.0)):
         lower, upper = changes[name].interval_95_percent
         assert lower <= percent <= upper
         assert f"{changes[name].change_percent:+.1f}" in view.sentence

@@ -112,7 +112,7 @@ def _with_numbers(member: object, name: str, of: Callable[[FloatArray], object])
 _STATE = StoredRecord(
     "state of the charts",
     _ADAPTER,
-    version=8,  # several numbers are watched together, and axes without a calibration
+    version=9,  # the frequency that is watched together with others is the whole one, not its preload feature
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
     packed=_packed,
     unpacked=_unpacked,
