@@ -17,9 +17,9 @@ from monitor_core.spectral import line_spread
 from monitor_core.spectral.coherence import random_error, significance_level
 from monitor_core.spectral.spectra import Taper
 
-#: Every which line is independent of the others: a Hann window correlates neighbours by 2/3 and the next by 1/6.
 #: Responses that are compared with those of a model, as accelerations.
 _OF_TABLE = (ResponseQuantity.ACCELERATION, ResponseQuantity.VELOCITY, ResponseQuantity.DISPLACEMENT)
+#: Every which line is independent of the others: a Hann window correlates neighbours by 2/3 and the next by 1/6.
 STRIDE: dict[Taper, int] = {"hann": 3, "rectangular": 1}
 
 
