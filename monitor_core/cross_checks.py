@@ -317,8 +317,8 @@ _SCALE_TOLERANCE = 0.25
 _LAG_TOLERANCE = 0.0015
 
 
-#: Responses that a position trace is compared with, and how often they are differentiated.
-_DERIVATIVES = {ResponseQuantity.ACCELERATION: 0, ResponseQuantity.DISPLACEMENT: 2}
+#: Responses that a position trace is compared with.
+_COMPARED = (ResponseQuantity.ACCELERATION, ResponseQuantity.DISPLACEMENT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,9 +332,9 @@ class _Motion:
 def _motion(windows: Sequence[Window], below: float) -> _Motion | None:
     """Compare the motion of the position traces of one measurement with that of its acceleration."""
     first = windows[0]
-    derivatives = _DERIVATIVES.get(first.response_quantity)
+    derivatives = first.response_quantity.derivatives
     is_torque = first.excitation_quantity is ExcitationQuantity.TORQUE
-    if derivatives is None or not is_torque or any(w.position_trace is None for w in windows):
+    if first.response_quantity not in _COMPARED or not is_torque or any(w.position_trace is None for w in windows):
         return None
     if len({(w.n_samples, w.sample_rate) for w in windows}) > 1:
         return None

@@ -72,6 +72,11 @@ class ResponseQuantity(StrEnum):
             return 0
         return 1 if self in (ResponseQuantity.VELOCITY, ResponseQuantity.MOTOR_SPEED) else 2
 
+    @property
+    def is_of_motor(self) -> bool:
+        """Whether it is the motor's own motion."""
+        return self in (ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_SPEED)
+
 
 _RESPONSE_UNITS = {
     ResponseQuantity.ACCELERATION: "m/s²",

@@ -141,7 +141,9 @@ def measure_mode(
         random_uncertainty=fit.random_uncertainty,
         noise_level=_noise_level(answer, noisy, spectra),
         leaves_response=fit.leaves_response,
-        antiresonance=antiresonance_of(fit, spectra.of_windows(answer.kept)) if of_motor(windows[0]) else None,
+        antiresonance=antiresonance_of(fit, spectra.of_windows(answer.kept))
+        if windows[0].response_quantity.is_of_motor
+        else None,
         rigid_line=None  # of what is commanded: the table follows, whatever its mass
         if windows[0].excitation_quantity is ExcitationQuantity.ACCELERATION
         else rigid_line(every_line, answer.kept, fit.modes, answer.taper),
@@ -214,16 +216,12 @@ def averaged_response(windows: Sequence[Window], lines: tuple[float, float]) -> 
     return _within(estimate_frf(cross_spectra(spectra, taper=least_leaking_taper(spectra)), quantity=quantity), lines)
 
 
-def of_motor(window: Window) -> bool:
-    """Tell whether the response is the motor's own motion."""
-    return window.response_quantity in (ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_SPEED)
-
-
 def _quantity_of(window: Window) -> str:
     """Name the acceleration per excitation (ISO 7626, ISO 2041)."""
-    accelerance = "angular_accelerance" if of_motor(window) else "accelerance"
+    of_motor = window.response_quantity.is_of_motor
+    accelerance = "angular_accelerance" if of_motor else "accelerance"
     if window.excitation_quantity is ExcitationQuantity.ACCELERATION:
-        return f"{accelerance}_per_acceleration" if of_motor(window) else "transmissibility"
+        return f"{accelerance}_per_acceleration" if of_motor else "transmissibility"
     return (
         accelerance
         if window.excitation_quantity is ExcitationQuantity.FORCE

@@ -111,7 +111,7 @@ def doubts_of_session(session: Session, signals: SessionSignals) -> Iterator[str
 def _as_acceleration(window: Window) -> FloatArray:
     """Return at least what the table must accelerate by for these samples [m/s²]; nothing of a motor that turns."""
     quantity = window.response_quantity
-    if quantity in (ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_SPEED):
+    if quantity.is_of_motor:
         return np.zeros(0)
     n = quantity.derivatives
     return np.diff(window.response.astype(np.float64), n) * window.sample_rate**n

@@ -20,7 +20,6 @@ _ANSWERS = (
 )
 _MOTOR_OF = re.compile(r"mot|rotor|_m\b", re.IGNORECASE)
 _PREFERRED = tuple(ResponseQuantity)
-_MOTOR = (ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_SPEED)
 _NAMED = {
     ResponseQuantity.VELOCITY: "the velocity",
     ResponseQuantity.DISPLACEMENT: "the scale",
@@ -82,7 +81,7 @@ def what_they_show(signals: Signals) -> str:
         lacking = "the torque constant is not stated"
     elif excited is ExcitationQuantity.ACCELERATION:
         lacking = "no torque and no force is known"
-    elif signals.answers in _MOTOR:
+    elif signals.answers.is_of_motor:
         lacking = "the table itself is not measured"
     else:
         return f"{shown} {excitation}"
