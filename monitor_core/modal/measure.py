@@ -332,7 +332,9 @@ def _without(fit: ModeFit, noisy: Contamination, windows: Sequence[Window]) -> t
 def _with_distortion(fit: ModeFit) -> tuple[ModalParameters, tuple[str, ...]]:
     """Add to the uncertainty of the first mode what its windows, all of one excitation, are distorted by alike.
 
-    Behind the gates: more windows would not bring it down.
+    It joins behind the gates. They ask whether windows determine the mode, and refuse what more, longer or stronger
+    windows would mend; a distortion that repeats stays, whatever their number. Refused, a log of such periods could not
+    be watched at all, though its interval, widened, says what is not known, and charts take the random part alone.
     """
     mode, frequency = fit.modes[0], fit.modes[0].frequency
     uncertainty = math.hypot(frequency.standard_uncertainty, fit.distortion)

@@ -7,6 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from monitor_core.recordings.calibration_file import calibration_from_document
+from service.documents.stored_measurement import StoredMeasurement
+from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.evidence import _stored_gates
 from tests.browser.states import CONFIGURATION, HEALTHY, WORN, measure, measurement
 from tests.service.conftest import Api, running_service
 
@@ -47,6 +51,18 @@ def test_each_gate_has_value_and_limit(measured: Api) -> None:
     assert gates["low-coherence"] | {"value": said["coherence"], "lower": 0.5} == gates["low-coherence"]
     assert gates["no-peak-in-band"]["lower"] < said["frequency_hz"] < gates["no-peak-in-band"]["upper"]
     assert gates["uncertain-frequency"]["upper"] == pytest.approx(0.003 * said["frequency_hz"])
+
+
+def test_what_joined_the_uncertainty_behind_the_gate_fails_no_gate(measured: Api) -> None:
+    (listed, *_) = measured.http.get("/v1/axes/axis/calibrations").json()["calibrations"]
+    document = measured.http.get(f"/v1/axes/axis/calibrations/{listed['id']}").json()["document"]
+    calibration = calibration_from_document(document)
+    said = get(measured, numbers(measured)[0])["outcome"]
+    for of_frequency, is_told in ((0.002, True), (0.0035, False)):  # the gate's limit lies between
+        said["frequency_standard_uncertainty_hz"] = of_frequency * said["frequency_hz"]
+        gates = _stored_gates(StoredMeasurement.model_validate(said), AxisConfiguration(**CONFIGURATION), calibration)
+        assert (gates is not None) == is_told  # else the waveforms are asked, as the gate was
+        assert all(gate.passed for gate in gates or ())
 
 
 def test_a_refused_measurement_names_its_gate(measured: Api) -> None:

@@ -11,7 +11,7 @@ from monitor_core.errors import MonitorCoreError
 from monitor_core.modal import GateReading, ModeReadings, averaged_response, gate_readings, read_gates
 from monitor_core.pipeline import MeasurementOutcome, search_band, whole_band
 from monitor_core.preload import Calibration, PreloadLadder, expected_band, preload_ladder
-from monitor_core.recording import Rejection, Window
+from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.calibration_file import calibration_from_document
 from monitor_core.response import FrequencyResponse, ModalParameters
 from monitor_core.uncertainty import Estimate
@@ -184,9 +184,12 @@ def _stored_gates(
     except MonitorCoreError:
         return None
     gate = core_settings(configuration).mode
-    return gate_readings(
+    readings = gate_readings(
         [mode], outcome.coherence, outcome.n_averages, band=band, gate=gate, phase=calibration.phase_reference
     )
+    # a mode that is stored has passed: what is above the limit is what joined its uncertainty behind the gate
+    is_widened = any(each.gate is RejectionReason.UNCERTAIN_FREQUENCY and not each.passed for each in readings)
+    return None if is_widened else readings
 
 
 def _mean(responses: Sequence[FrequencyResponse]) -> FrequencyResponse | None:
