@@ -1,6 +1,7 @@
 """Tell which share of 1/f² of the axial mode depends on the preload, by the catalogue stiffnesses of a drive."""
 
 import math
+from enum import StrEnum
 
 import numpy as np
 
@@ -8,8 +9,22 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 from monitor_core.uncertainty import Interval, IntervalKind
 
-#: Slightly and tightly preloaded, as shares of the dynamic load rating; a nut is between them where nobody says more.
-SLIGHT, TIGHT = 0.025, 0.075
+
+class PreloadLevel(StrEnum):
+    """What a preload is called, by its share of the dynamic load rating (Nguyen et al., 2018, section 3.1)."""
+
+    SLIGHT = "slight"
+    NORMAL = "normal"
+    TIGHT = "tight"
+
+    @property
+    def share(self) -> float:
+        """Of the dynamic load rating [-]."""
+        return {PreloadLevel.SLIGHT: 0.025, PreloadLevel.NORMAL: 0.05, PreloadLevel.TIGHT: 0.075}[self]
+
+
+#: Preload over the load rating above which makers and Eq. (1) of Nguyen et al. (2018) do not go [-].
+HIGHEST_SHARE = 0.1
 #: Standard uncertainty, relative, of a catalogue stiffness as mounted (type B): of the nut, and of all the rest.
 _CATALOGUE = 0.15
 #: The preload is made so much smaller to see what follows it.
@@ -48,13 +63,27 @@ def share_of_preload(model: DriveModel, preload: float | None = None) -> Interva
         raise OutsideValidityError(
             "the nut must follow its preload: expected dynamic_load_rating of the drive; got none"
         )
-    preloads = (SLIGHT * rating, TIGHT * rating) if preload is None else (preload,)
+    unknown = (PreloadLevel.SLIGHT.share * rating, PreloadLevel.TIGHT.share * rating)
+    preloads = unknown if preload is None else (preload,)
     length = float(getattr(model.parameters, "screw_length"))  # noqa: B009 - each family has its own record
     shares = np.array([_share(model, place * length, each) for place in _PLACES for each in preloads])
     odds = np.log(shares / (1.0 - shares))
     reach = 1.96 * math.sqrt(2.0) * _CATALOGUE
     lower, upper = (float(1.0 / (1.0 + np.exp(-end))) for end in (odds.min() - reach, odds.max() + reach))
     return Interval(lower, upper, IntervalKind.COVERAGE)
+
+
+def preload_level(share: float) -> PreloadLevel | None:
+    """Return what a preload is called, by its share of the dynamic load rating; None above a tenth, or next to none.
+
+    Examples
+    --------
+    >>> preload_level(0.05)
+    <PreloadLevel.NORMAL: 'normal'>
+    """
+    if not 0.5 * PreloadLevel.SLIGHT.share <= share <= HIGHEST_SHARE * (1.0 + 1e-9):
+        return None
+    return min(PreloadLevel, key=lambda level: abs(level.share - share))
 
 
 def _share(model: DriveModel, position: float, preload: float) -> float:

@@ -1,5 +1,6 @@
 """Estimate the preload (ISO 13374: HA): its feature, the calibration, newtons with a coverage interval."""
 
+from monitor_core.preload.bolts import PositioningBolts as PositioningBolts
 from monitor_core.preload.budget import (
     SHOWN_BY_SESSIONS as SHOWN_BY_SESSIONS,
     VarianceShares as VarianceShares,

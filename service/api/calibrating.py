@@ -43,6 +43,22 @@ class SettingOut(AnswerModel):
     preload_n: Annotated[float, Field(validation_alias="preload")]
 
 
+class PreloadToSetOut(AnswerModel):
+    """A preload of the plan as makers and mechanics know it."""
+
+    preload_n: Annotated[float, Field(validation_alias="preload")]
+    share_of_rating: Annotated[
+        float | None, Field(validation_alias="share", description="of the dynamic load rating; null: not stated")
+    ]
+    level: Annotated[
+        Literal["slight", "normal", "tight"] | None, Field(description="2.5, 5 or 7.5 % of the rating, the nearest")
+    ]
+    bolt_torque_nm: Annotated[
+        float | None,
+        Field(validation_alias="bolt_torque", description="at each bolt, thread dry; null: `bolt_mm` not stated"),
+    ]
+
+
 class SetMeasurementOut(AnswerModel):
     """A measurement whose preload was set on purpose."""
 
@@ -60,6 +76,7 @@ class CalibrationPlanOut(AnswerModel):
 
     positions_mm: list[float]
     preloads_n: list[float]
+    preloads: list[PreloadToSetOut] = Field(validation_alias="to_set")
     measured: list[SetMeasurementOut]
     holes: list[SettingOut] = Field(
         validation_alias=AliasPath("plan", "holes"), description="settings of the grid that were not measured"

@@ -48,6 +48,8 @@ class PlanForm(BaseModel):
     to_mm: Annotated[str, Field(max_length=40)] = ""
     highest_n: Annotated[str, Field(max_length=40)] = ""
     wished_loss_n: Annotated[str, Field(max_length=40)] = ""
+    bolt_mm: Annotated[str, Field(max_length=40)] = ""
+    bolts: Annotated[str, Field(max_length=40)] = ""
 
     def asked(self) -> PlanIn:
         """Return what is asked for; raises InvalidRequestError where a number is none."""
@@ -56,7 +58,8 @@ class PlanForm(BaseModel):
             return PlanIn.model_validate({name: float(text) for name, text in typed.items() if text})
         except ValueError as error:  # pydantic's refusals are such, too
             raise InvalidRequestError(
-                f"expected positions in mm, a preload and a loss above 0 N; got {', '.join(typed.values())}"
+                "expected positions in mm, a preload and a loss above 0 N, 1 to 100 bolts of 0.5 to 100 mm; got "
+                f"{', '.join(typed.values())}"
             ) from error
 
 
@@ -193,6 +196,7 @@ def _calibrate_page(
         status=status,
         axis=row,
         plan=shown,
+        next_to_set=next((each for each in shown.preloads if each.preload_n == shown.next.preload_n), None),
         settings=[(item, kind_of(item.status, item.frequency_hz)) for item in shown.measured[: -_LISTED - 1 : -1]],
         n_usable=len(plan.usable),
         charts=settings_charts(page.words, plan),

@@ -13,6 +13,7 @@ from monitor_core.models.published.lumped import LumpedParameters, feature_coeff
 from monitor_core.preload import (
     Calibration,
     ModalReading,
+    PositioningBolts,
     PreloadEstimate,
     PreloadFeatureCoefficients,
     axial_frequency,
@@ -219,7 +220,7 @@ def test_feature_is_not_proportional_to_preload(unweighted: Calibration) -> None
 
 def test_bolt_torque_under_eq_9_is_ten_times_too_high() -> None:
     """T = λ F d with λ = 0.2, M4 and 50 N at each of two bolts is 4 N·cm, not 4 kgf·cm."""
-    torque = 0.2 * 50.0 * 0.004  # [N·m]
-    assert torque == pytest.approx(0.04)
+    torque = PositioningBolts(0.004, 2, 0.2).torque(100.0)  # [N·m]
+    assert torque == pytest.approx(0.2 * 50.0 * 0.004, rel=1e-12)
     kilogram_force_centimetre = 9.80665e-2  # [N·m]
     assert 4.0 * kilogram_force_centimetre / torque == pytest.approx(9.8, abs=0.05)

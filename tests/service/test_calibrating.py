@@ -101,6 +101,31 @@ def test_catalogue_data_become_a_drive_that_an_axis_is_registered_with(api: Api)
     assert plan["positions_mm"] == [97.0, 291.0, 486.0, 680.0, 874.0]
 
 
+def test_a_plan_says_preloads_as_makers_and_mechanics_know_them(api: Api) -> None:
+    """Nut and bolts of Nguyen et al. (2018): 100, 200, 300 N are 2.5, 5, 7.5 % of 4000 N; M4, two of them."""
+    found = api.http.get("/v1/drive-model", params={"dynamic_load_rating_n": 4000}).json()
+    configuration = {"drive_model": found["drive_model"], "search_band_hz": found["search_band_hz"]}
+    api.http.put("/v1/axes/rated", json={"name": "Rated", "configuration": configuration}).raise_for_status()
+
+    def preloads(axis: str, **asked: float) -> list[dict[str, Any]]:
+        answer = api.http.get(f"/v1/axes/{axis}/calibration-plan", params={"highest_n": 300, **asked})
+        answer.raise_for_status()
+        of_plan: list[dict[str, Any]] = answer.json()["preloads"]
+        return of_plan
+
+    with_bolts = preloads("rated", bolt_mm=4)
+    assert [item["preload_n"] for item in with_bolts] == [100.0, 200.0, 300.0]
+    assert [item["level"] for item in with_bolts] == ["slight", "normal", "tight"]
+    assert [item["share_of_rating"] for item in with_bolts] == pytest.approx([0.025, 0.05, 0.075], rel=1e-12)
+    assert [item["bolt_torque_nm"] for item in with_bolts] == pytest.approx([0.04, 0.08, 0.12], rel=1e-12)
+    assert preloads("rated", bolt_mm=4, bolts=4)[0]["bolt_torque_nm"] == pytest.approx(0.02)
+    assert [item["level"] for item in preloads("rated", highest_n=600)] == ["normal", "tight", None]  # above 10 %
+    unrated = preloads("axis")
+    assert [(item["share_of_rating"], item["level"], item["bolt_torque_nm"]) for item in unrated] == 3 * [(None,) * 3]
+    for wrong in ({"bolt_mm": 0}, {"bolts": 0}, {"bolts": 1.5}):
+        refused_with(api.http.get("/v1/axes/rated/calibration-plan", params=wrong), 422)
+
+
 def test_catalogue_data_that_are_no_axis_are_refused(api: Api) -> None:
     answer = api.http.get("/v1/drive-model", params={"screw_diameter_mm": -1})
     refused_with(answer, 422)

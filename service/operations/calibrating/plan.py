@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -14,6 +14,7 @@ from monitor_core.preload import (
     ExpectedReadings,
     ModalReading,
     PlannedSetting,
+    PositioningBolts,
     Weighting,
     calibrate,
     plan_calibration,
@@ -27,6 +28,9 @@ from service.store import calibrations, measurements
 from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.measurements import SetMeasurement
+
+if TYPE_CHECKING:
+    from monitor_core.models.preload_share import PreloadLevel
 
 #: Settings of a plan: so many positions over the travel, so many preloads up to the highest.
 POSITIONS, PRELOADS = 5, 3
@@ -53,6 +57,20 @@ class PlanIn(RequestModel):
     to_mm: Annotated[float, MILLIMETRES] | None = None
     highest_n: Annotated[float, NEWTONS, Field(description="the healthy preload, highest to be set")] | None = None
     wished_loss_n: Annotated[float, NEWTONS, Field(description="that the calibration is to see")] | None = None
+    bolt_mm: (
+        Annotated[float, Field(ge=0.5, le=100, description="nominal diameter of those that set the preload")] | None
+    ) = None
+    bolts: Annotated[int, Field(ge=1, le=100, description="that share the preload")] = 2
+
+
+@dataclass(frozen=True, slots=True)
+class PreloadToSet:
+    """A preload of a plan as makers and mechanics know it."""
+
+    preload: float  # [N]
+    share: float | None  # of the dynamic load rating [-]; None: not stated
+    level: "PreloadLevel | None"  # what it is called
+    bolt_torque: float | None  # at each bolt [N·m]; None: the bolts are not stated
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +83,7 @@ class AxisPlan:
     measured: list[SetMeasurement]
     plan: CalibrationPlan
     source: Source  # of the expected scatter
+    to_set: list[PreloadToSet]
 
     @property
     def usable(self) -> list[SetMeasurement]:
@@ -97,7 +116,25 @@ def calibration_plan(database: Database, axis_id: str, asked: PlanIn) -> AxisPla
     wished = asked.wished_loss_n or float(f"{_WISHED * max(preloads):.2g}")
     done = [PlannedSetting(metres(item.position_mm), item.set_preload_n) for item in usable]
     plan = plan_calibration(done, grid, expected, healthy_preload=max(preloads), wished_loss=wished)
-    return AxisPlan(places, preloads, wished, measured, plan, "none" if expected is None else source)
+    to_set = _to_set(configuration, preloads, asked)
+    return AxisPlan(places, preloads, wished, measured, plan, "none" if expected is None else source, to_set)
+
+
+def _to_set(configuration: AxisConfiguration, preloads: tuple[float, ...], asked: PlanIn) -> list[PreloadToSet]:
+    from monitor_core.models.preload_share import preload_level  # noqa: PLC0415  # a start pays for no analysis
+
+    rating = _load_rating(configuration)
+    bolts = None if asked.bolt_mm is None else PositioningBolts(metres(asked.bolt_mm), asked.bolts)
+    shares = [None if rating is None else preload / rating for preload in preloads]
+    return [
+        PreloadToSet(
+            preload,
+            share,
+            None if share is None else preload_level(share),
+            None if bolts is None else bolts.torque(preload),
+        )
+        for preload, share in zip(preloads, shares, strict=True)
+    ]
 
 
 def _grid(
@@ -109,7 +146,8 @@ def _grid(
         low, high = _MARGIN * to_millimetres(length), (1.0 - _MARGIN) * to_millimetres(length)
     own_places = _levels([item.position_mm for item in measured], lambda level: _NEAR_MM)
     own_preloads = _levels([item.set_preload_n for item in measured], lambda level: _NEAR_SHARE * level)
-    if asked == PlanIn(wished_loss_n=asked.wished_loss_n) and len(own_places) >= 3 and len(own_preloads) >= 2:
+    grid_asked = (asked.from_mm, asked.to_mm, asked.highest_n) != (None, None, None)
+    if not grid_asked and len(own_places) >= 3 and len(own_preloads) >= 2:
         return own_places, own_preloads  # whoever measures has a plan of his own
     if len(own_places) >= 3:
         low, high = own_places[0], own_places[-1]
@@ -185,10 +223,14 @@ def _rated(configuration: AxisConfiguration) -> float | None:
     """Return the preload that makers set in such a nut; None if its load rating is not stated [N]."""
     from monitor_core.models.catalogue import NutKind  # noqa: PLC0415  # a start pays for no analysis
 
+    rating = _load_rating(configuration)
+    return None if rating is None else float(f"{NutKind.DOUBLE.usual_share * rating:.2g}")
+
+
+def _load_rating(configuration: AxisConfiguration) -> float | None:
     if configuration.drive_model is None:
         return None
-    rating = _parameters(configuration.drive_model).get("dynamic_load_rating_n")
-    return None if rating is None else float(f"{NutKind.DOUBLE.usual_share * rating:.2g}")
+    return _parameters(configuration.drive_model).get("dynamic_load_rating_n")
 
 
 @lru_cache(maxsize=64)
