@@ -153,13 +153,10 @@ def _goes_on(excitation: SampleArray, start: int, run: int) -> bool:
 
 def longest_run(samples: SampleArray) -> tuple[int, int]:
     """Return start and length of the longest run of one value."""
-    repeated = np.flatnonzero(samples[1:] == samples[:-1])
-    if not repeated.size:
-        return 0, 1
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(repeated) > 1) + 1])
-    lengths = np.diff(starts, append=repeated.size)
+    ends = np.flatnonzero(np.append(samples[1:] != samples[:-1], True))
+    lengths = np.diff(ends, prepend=-1)
     longest = int(np.argmax(lengths))
-    return int(repeated[starts[longest]]), int(lengths[longest]) + 1
+    return int(ends[longest] - lengths[longest]) + 1, int(lengths[longest])
 
 
 def is_stuck(samples: SampleArray, start: int, run: int, *, is_excitation: bool) -> bool:
@@ -208,9 +205,10 @@ def _check_travel(window: Window, gate: QualityGate) -> Rejection | None:
 
 
 def _check_length(n_samples: int, gate: QualityGate) -> Rejection | None:
+    if n_samples < _LEAST_SLOW_LENGTH:
+        return None
     good = scipy.fft.prev_fast_len(n_samples, real=True)
-    factor = _fft_cost(n_samples) / _fft_cost(good)
-    if n_samples < _LEAST_SLOW_LENGTH or factor <= gate.slow_length_factor:
+    if _fft_cost(n_samples) / _fft_cost(good) <= gate.slow_length_factor:
         return None
     return Rejection(
         RejectionReason.SLOW_LENGTH,

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -250,6 +251,7 @@ NEARLY_LOST, OVERLOADED = 0.1, 1.5
 BAND_MARGIN = 0.01
 
 
+@lru_cache(maxsize=64)  # the windows of a measurement are asked for one by one, and have the same conditions
 def expected_band(calibration: Calibration, conditions: Conditions) -> tuple[float, float]:
     """Tell between which frequencies the axial mode can be, in hertz.
 

@@ -7,13 +7,13 @@ a small friction after a third of a millisecond. Where the drag torque is known 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason, Window
 from monitor_core.uncertainty import Estimate
 
@@ -64,16 +64,23 @@ class Friction:
     trace_polarity: int  # 1: the torque is positive where the position rises, -1: where it falls
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Moves:
+    """Windows of one sampling rate and length, and the velocity over each."""
+
+    rate: float  # [Hz]
+    torque: FloatArray  # shape (n_windows, n_samples) [N·m]
+    velocity: FloatArray  # of the same shape [m/s]
+
+
 def estimate_friction(windows: Sequence[Window], trace_polarity: int | None = None) -> Friction | Rejection:
     """Return the friction of the windows of one measurement, or why they tell none: motion, position, torque, noise.
 
     Friction takes work: where the polarity is known, 1 or -1 as of the result, what gives work is none.
     """
-    velocities = velocities_of(windows)
-    drag, torque = estimate_drag_torque(windows, velocities), friction_torque(windows, velocities)
-    if isinstance(drag, DragTorque) and (
-        isinstance(torque, Rejection) or not _is_of_friction(torque, drag, windows, velocities)
-    ):
+    moves = moves_of(windows)
+    drag, torque = estimate_drag_torque(windows, moves), friction_torque(windows, moves)
+    if isinstance(drag, DragTorque) and (isinstance(torque, Rejection) or not _is_of_friction(torque, drag, moves)):
         torque = drag.drag
     if isinstance(torque, Rejection):
         return torque
@@ -90,13 +97,10 @@ def estimate_friction(windows: Sequence[Window], trace_polarity: int | None = No
     return Friction(torque, drag, polarity)
 
 
-def _is_of_friction(
-    torque: Estimate, drag: DragTorque, windows: Sequence[Window], velocities: Sequence[FloatArray | None]
-) -> bool:
+def _is_of_friction(torque: Estimate, drag: DragTorque, moves: Sequence[Moves]) -> bool:
     """Tell whether the work of all moves is that of the friction: not of a delay, as far as the drag torque tells."""
-    moved = [(window, velocity) for window, velocity in zip(windows, velocities, strict=True) if velocity is not None]
-    of_delay = abs(sum(float(window.excitation @ np.gradient(velocity)) for window, velocity in moved))
-    path = sum(float(np.abs(velocity).sum()) for _, velocity in moved)
+    of_delay = abs(sum(float(np.vdot(alike.torque, np.gradient(alike.velocity, axis=1))) for alike in moves))
+    path = sum(float(np.abs(alike.velocity).sum()) for alike in moves)
     if _TOGETHER * of_delay > _SMALL * abs(torque.value) * path:
         return False
     if abs(drag.drag.value) < _WELL_KNOWN * drag.drag.standard_uncertainty:
@@ -104,9 +108,7 @@ def _is_of_friction(
     return 1.0 / _AGREES < torque.value / drag.drag.value < _AGREES
 
 
-def estimate_drag_torque(
-    windows: Sequence[Window], velocities: Sequence[FloatArray | None] | None = None
-) -> DragTorque | Rejection:
+def estimate_drag_torque(windows: Sequence[Window], moves: Sequence[Moves] | None = None) -> DragTorque | Rejection:
     r"""Average the torque of the constant-velocity travels of both directions.
 
     .. math::
@@ -119,8 +121,8 @@ def estimate_drag_torque(
 
     The uncertainty is the scatter of the pairs: what both share, be it friction or zero error, then enters the right
     one of the two.
-    Friction depends on speed: travels that are not within a tenth of the median speed are left out. The velocities are
-    those of :func:`velocities_of`, where they are known already.
+    Friction depends on speed: travels that are not within a tenth of the median speed are left out. The moves are those
+    of :func:`moves_of`, where they are known already.
 
     References
     ----------
@@ -136,14 +138,9 @@ def estimate_drag_torque(
         return Rejection(
             RejectionReason.EXCITATION_SOURCE_MISMATCH, "drag torque needs one torque source; got sensor and drive"
         )
-    travels = [
-        travel
-        for window, velocity in zip(windows, velocities_of(windows) if velocities is None else velocities, strict=True)
-        if velocity is not None
-        for travel in _constant_velocity_travels(window, velocity)
-    ]
-    velocity, torque = np.array(travels).reshape(-1, 2).T
-    speed = float(np.median(np.abs(velocity))) if travels else 0.0
+    travels = [_constant_velocity_travels(alike) for alike in (moves_of(windows) if moves is None else moves)]
+    velocity, torque = np.concatenate([np.empty((2, 0)), *travels], axis=1)
+    speed = float(np.median(np.abs(velocity))) if velocity.size else 0.0
     comparable = np.abs(np.abs(velocity) - speed) <= 2.0 * _SPEED_TOLERANCE * speed
     forward, back = torque[comparable & (velocity > 0.0)], torque[comparable & (velocity < 0.0)]
     n_pairs = min(forward.size, back.size)
@@ -159,9 +156,7 @@ def estimate_drag_torque(
     )
 
 
-def friction_torque(
-    windows: Sequence[Window], velocities: Sequence[FloatArray | None] | None = None
-) -> Estimate | Rejection:
+def friction_torque(windows: Sequence[Window], moves: Sequence[Moves] | None = None) -> Estimate | Rejection:
     r"""Return the friction torque over all motion of the windows of one measurement, from the work that it takes [N·m].
 
     .. math:: T_f = \frac{\sum T\,v}{\sum |v|}
@@ -176,44 +171,55 @@ def friction_torque(
     if any(window.excitation_quantity is not ExcitationQuantity.TORQUE for window in windows):
         return Rejection(RejectionReason.EXCITATION_SOURCE_MISMATCH, "friction torque needs windows of torque in N·m")
     work = [
-        (float(window.excitation @ velocity), float(np.abs(velocity).sum()), float(velocity.sum()))
-        for window, velocity in zip(windows, velocities_of(windows) if velocities is None else velocities, strict=True)
-        if velocity is not None
+        ((v.torque * v.velocity).sum(axis=1), np.abs(v.velocity).sum(axis=1), v.velocity.sum(axis=1))
+        for v in (moves_of(windows) if moves is None else moves)
     ]
-    done, path, net = np.array(work).reshape(-1, 3).T
+    done, path, net = np.concatenate([np.empty((3, 0)), *work], axis=1)
     own = float(path @ path - (path @ net) ** 2 / max(float(net @ net), 1e-300))  # of the path, not of the net travel
     if (
-        len(work) < _FEWEST_PAIRS
-        or path.sum() < _SHORTEST_PATH * len(work) * windows[0].sample_rate
+        done.size < _FEWEST_PAIRS
+        or path.sum() < _SHORTEST_PATH * done.size * windows[0].sample_rate
         or own < _BOTH_DIRECTIONS * float(path @ path)
     ):
         return Rejection(
             RejectionReason.TOO_FEW_AVERAGES,
             f"friction torque needs at least {_FEWEST_PAIRS} windows with motion in both directions and position; "
-            f"got {len(work)}",
+            f"got {done.size}",
         )
     columns = np.column_stack([path, net])
     coefficients = np.linalg.lstsq(columns, done)[0]
-    left, degrees_of_freedom = done - columns @ coefficients, len(work) - 2
+    left, degrees_of_freedom = done - columns @ coefficients, done.size - 2
     uncertainty = math.sqrt(float(left @ left) / degrees_of_freedom / own)
     return Estimate(float(coefficients[0]), uncertainty, degrees_of_freedom)
 
 
-def velocities_of(windows: Sequence[Window]) -> list[FloatArray | None]:
-    """Return the velocity over each window [m/s], None where its position is not known for long enough."""
-    # windows of one length together: one by one most of a judgement's time would go into the ends of their traces
-    alike: dict[tuple[float, int], list[int]] = {}
-    for number, window in enumerate(windows):
+def moves_of(windows: Sequence[Window]) -> list[Moves]:
+    """Return the motion of the windows whose position is known for long enough."""
+    alike: dict[tuple[float, int], list[Window]] = {}
+    for window in windows:
         shortest = max(_span(window.sample_rate), _SHORTEST_TRAVEL * window.sample_rate)
         if window.position_trace is not None and window.n_samples >= shortest and _span(window.sample_rate) >= 3:
-            alike.setdefault((window.sample_rate, window.n_samples), []).append(number)
-    velocities: list[FloatArray | None] = [None] * len(windows)
-    for (rate, _), numbers in alike.items():
-        traces = np.array([windows[number].position_trace for number in numbers])
-        slopes = scipy.signal.savgol_filter(traces, _span(rate), polyorder=1, deriv=1, delta=1.0 / rate)
-        for number, velocity in zip(numbers, slopes, strict=True):
-            velocities[number] = velocity
-    return velocities
+            alike.setdefault((window.sample_rate, window.n_samples), []).append(window)
+    return [
+        Moves(
+            rate,
+            np.array([window.excitation for window in together], dtype=np.float64),
+            _velocity(np.array([window.position_trace for window in together]), rate),
+        )
+        for (rate, _), together in alike.items()
+    ]
+
+
+def _velocity(traces: SampleArray, rate: float) -> FloatArray:
+    """Return the slope of the line through the samples around each; at either end that of the first and last line.
+
+    A Savitzky–Golay filter of the first order, by which a window is as long as its trace.
+    """
+    half = _span(rate) // 2
+    steps = np.arange(-half, half + 1)
+    velocity: FloatArray = scipy.ndimage.correlate1d(traces, rate * steps / float(steps @ steps), output=np.float64)
+    velocity[:, :half], velocity[:, -half:] = velocity[:, [half]], velocity[:, [-half - 1]]
+    return velocity
 
 
 def _span(sample_rate: float) -> int:
@@ -221,19 +227,25 @@ def _span(sample_rate: float) -> int:
     return 2 * round(0.5 * _VELOCITY_SPAN * sample_rate) + 1
 
 
-def _constant_velocity_travels(window: Window, velocity: FloatArray) -> Iterator[tuple[float, float]]:
-    """Yield mean velocity [m/s] and mean torque [N·m] of each travel of a window."""
-    rate = window.sample_rate
-    moving = np.abs(velocity) > _MOVING * np.abs(velocity).max()
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], moving, [False]))))
-    for begin, end in edges.reshape(-1, 2):
-        if end - begin < _SHORTEST_TRAVEL * rate:
-            continue
-        trimmed = round(_TRIMMED * (end - begin))
-        inner = slice(begin + trimmed, end - trimmed)
-        mean = float(velocity[inner].mean())
-        if velocity[inner].std() < _SPEED_TOLERANCE * abs(mean):
-            yield mean, float(window.excitation[inner].mean(dtype=np.float64))
+def _constant_velocity_travels(moves: Moves) -> FloatArray:
+    """Return mean velocity [m/s] and mean torque [N·m] of the travels of windows, shape (2, n_travels)."""
+    # one sample of rest before and behind each window: a travel ends with it
+    torque, velocity = (np.pad(of, ((0, 0), (1, 1))).ravel() for of in (moves.torque, moves.velocity))
+    speed = np.abs(moves.velocity)
+    moving = np.pad(speed > _MOVING * speed.max(axis=1, keepdims=True), ((0, 0), (1, 1))).ravel()
+    begin, end = (np.flatnonzero(moving[1:] != moving[:-1]) + 1).reshape(-1, 2).T
+    is_long = end - begin >= _SHORTEST_TRAVEL * moves.rate
+    trimmed = np.rint(_TRIMMED * (end - begin)[is_long]).astype(np.intp)
+    begin, end = begin[is_long] + trimmed, end[is_long] - trimmed
+    if not begin.size:
+        return np.empty((2, 0))
+    # the sums of every other stretch: from each beginning to its end
+    inner = np.column_stack([begin, end]).ravel()
+    mean, mean_torque, square = (
+        np.add.reduceat(of, inner)[::2] / (end - begin) for of in (velocity, torque, velocity**2)
+    )
+    is_constant = square - mean**2 < (_SPEED_TOLERANCE * mean) ** 2
+    return np.array([mean[is_constant], mean_torque[is_constant]])
 
 
 def _mean_of(values: FloatArray) -> Estimate:
