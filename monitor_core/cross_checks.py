@@ -341,15 +341,20 @@ def _motion(windows: Sequence[Window], below: float) -> _Motion | None:
     functions = _test_functions(first.n_samples, first.sample_rate, below)
     if functions is None:
         return None
-    traces = np.array([w.position_trace for w in windows])
-    moved = (traces - traces.mean(axis=1, keepdims=True)) @ functions.second_derivative
-    responses = np.array([w.response for w in windows], dtype=np.float64 if derivatives else None)
+    traces = np.array([w.position_trace for w in windows], dtype=np.float64)
+    moved = _tested(traces - traces.mean(axis=1, keepdims=True), functions.second_derivative)
+    responses = np.array([w.response for w in windows], dtype=np.float64)
     if derivatives:
         responses -= responses.mean(axis=1, keepdims=True)
-    accelerated = responses @ (functions.second_derivative if derivatives else functions.plain)
+    accelerated = _tested(responses, functions.second_derivative if derivatives else functions.plain)
     driven = np.array([w.excitation for w in windows], dtype=np.float64)
-    torque, duration = driven @ functions.plain, first.n_samples / first.sample_rate
+    torque, duration = _tested(driven, functions.plain), first.n_samples / first.sample_rate
     return _compared(moved, accelerated, torque, functions=functions, duration=duration)
+
+
+def _tested(samples: FloatArray, functions: ComplexArray) -> ComplexArray:
+    """Return the sums of windows times functions, shape (n_windows, n): real and imaginary parts as columns."""
+    return (samples @ functions.view(np.float64)).view(np.complex128)
 
 
 def _compared(

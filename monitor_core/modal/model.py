@@ -124,7 +124,7 @@ class Basis:
     response_terms: ComplexArray  # gʲ/A for B, for the whitened excitation, shape (n_response_terms, n_frequencies)
     tone_shapes: ComplexArray  # shape (n_tones, n_frequencies)
     nuisance: ComplexArray  # orthonormal basis of the per-window terms, shape (n_frequencies, n_nuisance)
-    triangle: ComplexArray  # R of its QR, shape (n_nuisance, n_nuisance)
+    triangle: ComplexArray  # R of its QR in the upper triangle, shape (n_nuisance, n_nuisance)
 
     def annul(self, lines: ComplexArray) -> ComplexArray:
         """Project the per-window terms out of lines, shape (..., n_frequencies)."""
@@ -183,8 +183,9 @@ def basis_of(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Basi
     """Build the linear terms of the model; ``parameters`` as in the module's text."""
     f = lines.frequency
     a = reduce(np.multiply, [pole_factor(f, *pole) for pole in poles_of(parameters, order)])
-    n_powers = max(order.n_response_terms, order.n_transient_terms)
-    powers = normalised_frequency(f, f) ** np.arange(n_powers)[:, None] / a
+    powers = np.empty((max(order.n_response_terms, order.n_transient_terms), f.size), dtype=np.complex128)
+    powers[0], powers[1:] = 1.0 / a, normalised_frequency(f, f)
+    np.multiply.accumulate(powers, axis=0, out=powers)
     tones = parameters[2 * order.n_modes :]
     transient = lines.weight * powers[: order.n_transient_terms]
     shapes = np.empty((0, f.size), dtype=np.complex128)
@@ -194,8 +195,14 @@ def basis_of(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Basi
     if tones.size:
         shapes = lines.weight * tone_shape(f, tones[:, None], lines.n_samples, lines.sample_rate)
         transient = np.concatenate([transient, shapes])
-    nuisance, triangle = np.linalg.qr(transient.T)
+    nuisance, triangle = _orthonormal(transient.T)
     return Basis(powers[: order.n_response_terms], shapes, nuisance, triangle)
+
+
+def _orthonormal(columns: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return Q and, in the upper triangle, R: LAPACK's own, for what NumPy does around it takes longer at this size."""
+    reflectors, scales, *_ = scipy.linalg.lapack.zgeqrf(columns)
+    return scipy.linalg.lapack.zungqr(reflectors, scales)[0], reflectors[: columns.shape[1]]
 
 
 def project(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Projection:
@@ -231,6 +238,18 @@ def cost_at(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> float
     except np.linalg.LinAlgError:
         return math.inf
     return float(np.vdot(residual, residual).real)
+
+
+def nested_costs(lines: FitLines, parameters: FloatArray, plain: ModelOrder, richer: ModelOrder) -> tuple[float, float]:
+    """Return the costs at given poles with B of a model and with B of a richer one, whose terms the windows have.
+
+    With the Cholesky factor R of the products of all terms, :math:`|(R b)_i|^2` is what term i brings beyond those
+    before it.
+    """
+    forced = _solve_response(lines, basis_of(lines, parameters, richer))
+    brought = (np.triu(forced.gram) @ forced.coefficients)[plain.n_response_terms :]
+    cost = float(np.vdot(forced.residual, forced.residual).real)
+    return cost + float(np.vdot(brought, brought).real), cost
 
 
 def forced_cost(lines: FitLines, parameters: FloatArray, order: ModelOrder, nuisance: Basis) -> float:
@@ -270,13 +289,16 @@ class _ForcedResponse:
 
 def _solve_response(lines: FitLines, basis: Basis) -> _ForcedResponse:
     """Solve for B over all windows, with the per-window terms projected out."""
-    terms = basis.response_terms
-    columns = basis.annul(terms[:, None, :] * lines.excitation).reshape(terms.shape[0], -1)
-    target = basis.annul(lines.response)
-    conjugate = columns.conj()
-    gram = _factor_gram(conjugate @ columns.T)
-    b = _solve_gram(gram, conjugate @ target.ravel())
-    return _ForcedResponse(b, columns, gram, target - (b @ columns).reshape(target.shape))
+    n_terms = basis.response_terms.shape[0]
+    stacked = np.empty((n_terms + 1, *lines.response.shape), dtype=np.complex128)
+    np.multiply(basis.response_terms[:, None, :], lines.excitation, out=stacked[:-1])
+    stacked[-1] = lines.response
+    annulled = basis.annul(stacked).reshape(n_terms + 1, -1)
+    columns, target = annulled[:-1], annulled[-1]
+    products = columns.conj() @ annulled.T
+    gram = _factor_gram(products[:, :-1])
+    b = _solve_gram(gram, products[:, -1])
+    return _ForcedResponse(b, columns, gram, (target - b @ columns).reshape(lines.response.shape))
 
 
 def _factor_gram(products: ComplexArray) -> ComplexArray:

@@ -11,7 +11,16 @@ import numpy as np
 import scipy
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
-from monitor_core.modal.model import FitLines, ModelOrder, basis_of, cost_at, forced_cost, overdispersion, pole_factor
+from monitor_core.modal.model import (
+    FitLines,
+    ModelOrder,
+    basis_of,
+    cost_at,
+    forced_cost,
+    nested_costs,
+    overdispersion,
+    pole_factor,
+)
 from monitor_core.modal.variable_projection import Solution, degrees_of_freedom, minimise
 from monitor_core.spectral import BandSpectra, cross_spectra, least_leaking_taper
 
@@ -227,10 +236,9 @@ def leaves_response(lines: FitLines, one_mode: Solution, *, enough_before: bool 
     plain, background = _plain_and_background(one_mode)
     if degrees_of_freedom(lines, background) <= 0:
         return False
-    nuisance = basis_of(lines, one_mode.parameters, plain)
-    costs = [forced_cost(lines, one_mode.parameters, order, nuisance) for order in (plain, background)]
+    cost, of_background = nested_costs(lines, one_mode.parameters, plain, background)
     n_more = 2 * (background.n_response_terms - plain.n_response_terms)
-    gain = 2 * lines.response.size * math.log(costs[0] / costs[1])
+    gain = 2 * lines.response.size * math.log(cost / of_background)
     probability = _ENOUGH_BEFORE_PROBABILITY if enough_before else _SCREENING_PROBABILITY
     limit = float(scipy.special.chdtri(n_more, probability))
     return gain > limit and gain > limit * overdispersion(lines, one_mode.parameters, plain, background)

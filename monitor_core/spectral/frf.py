@@ -22,7 +22,7 @@ def median_misfit(spectra: BandSpectra, taper: Taper) -> tuple[FloatArray, Float
     """
     _, x, y = spectra.tapered(taper)
     ratio = y / np.where(x == 0.0, np.finfo(np.float32).tiny, x)
-    median = np.median(ratio.real, axis=0) + 1j * np.median(ratio.imag, axis=0)
+    median = np.median(ratio.view(ratio.real.dtype), axis=0).view(ratio.dtype)  # of both parts, each for itself
     residual: FloatArray = np.sum(np.abs(y - median * x) ** 2, axis=1, dtype=np.float64)
     response: FloatArray = np.sum(np.abs(y) ** 2, axis=1, dtype=np.float64)
     return residual, response

@@ -139,7 +139,7 @@ class BandSpectra:
 
     def of_windows(self, kept: npt.NDArray[np.bool_]) -> "BandSpectra":
         """Return the windows for which ``kept`` is true, shape (n_windows,)."""
-        return replace(self, excitation=self.excitation[kept], response=self.response[kept])
+        return self if kept.all() else replace(self, excitation=self.excitation[kept], response=self.response[kept])
 
     def tapered(self, taper: Taper) -> tuple[FloatArray, SpectrumArray, SpectrumArray]:
         r"""Taper both channels after the transform.
