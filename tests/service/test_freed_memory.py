@@ -1,10 +1,18 @@
 """The service keeps what a judged measurement frees: a window is not to be paid for in new pages."""
 
 import ctypes
+import gc
 import subprocess
 import sys
+from datetime import timedelta
+from pathlib import Path
 
+import numpy as np
 import pytest
+
+from monitor_core.recording import Window
+from service.store import waveforms
+from tests.service.conftest import START, running_service, simulated_measurement
 
 #: Nine MiB in three arrays, as a measurement that is judged takes and frees them, twenty times.
 PROGRAM = """
@@ -39,3 +47,20 @@ def test_freed_memory_is_taken_again_without_new_pages() -> None:
     """Without the setting nearly every page is new each time, which shows that the pattern asks for it."""
     assert new_pages(kept=False) > PAGES / 2
     assert new_pages(kept=True) < PAGES / 100
+
+
+def test_samples_of_a_request_are_freed_without_the_collector(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a circle of records each measurement stays until Python collects it: tens of MiB for long windows."""
+    monkeypatch.setattr(waveforms, "REMEMBERED_BYTES", 0)
+    with running_service(tmp_path) as api:
+        rng = np.random.default_rng(1)
+        api.register("axis", windows_per_measurement=4)
+        gc.disable()
+        try:
+            for name, start in (("m1", START), ("m2", START + timedelta(days=1))):
+                api.accept("axis", simulated_measurement(rng, name, n_windows=4, started_at=start), complete=True)
+            # while the second was taken, the first was let go
+            held = {item.measurement for item in gc.get_objects() if type(item) is Window}
+        finally:
+            gc.enable()
+    assert "m1" not in held

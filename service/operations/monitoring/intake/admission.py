@@ -52,12 +52,15 @@ class Measured:
 
 @dataclass(slots=True, eq=False)
 class Member:
-    """A window and its measurement."""
+    """A window and its measurement, which names its windows in turn.
+
+    Samples are kept elsewhere: in a circle they would stay in memory until the collector of Python comes by.
+    """
 
     placed: Placed
     of: Measured | None  # None: it is new, and of none yet
     accepted: bool
-    window: Window | None = None  # None: it is stored already
+    is_new: bool = False  # else it is stored already
     refusal: Rejection | None = None  # of a new one
 
 
@@ -80,7 +83,7 @@ class Admission:
         for window in windows:
             ahead = window.started_at - self.received_at > MOST_AHEAD
             refusal = self._clock(window) if ahead else gate(window)
-            member = Member(window.placed, None, refusal is None, window, refusal)
+            member = Member(window.placed, None, accepted=refusal is None, is_new=True, refusal=refusal)
             self.admitted.append(member)
             by_name.setdefault(window.measurement, []).append(member)
         for members in by_name.values():
@@ -158,7 +161,7 @@ class Admission:
                 taken.append(following)
                 if len(taken) > MOST_CHANGED:
                     why = f"late windows may change {MOST_CHANGED} stored measurements in a row; these change more"
-                    self._refuse([member for member in members if member.window is not None], taken[0], why)
+                    self._refuse([member for member in members if member.is_new], taken[0], why)
                     return [], hollow, ahead
         return [], hollow, ahead
 
@@ -180,13 +183,13 @@ class Admission:
 
     def _kept_out(self, members: Sequence[Member], closed: Measured, why: str, visit: Visit) -> list[Member]:
         """Refuse the new windows that are of a measurement that takes no more; return the other windows."""
-        new = [member for member in members if member.window is not None]
+        new = [member for member in members if member.is_new]
         refused = [
             member
             for group in _by_measurement([*closed.members, *new], visit)
             if any(member.of is closed for member in group)
             for member in group
-            if member.window is not None
+            if member.is_new
         ]
         self._refuse(refused, closed, why)
         return [member for member in members if member not in refused]

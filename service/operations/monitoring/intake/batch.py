@@ -276,7 +276,7 @@ class Batch:
     def _judge(self, connection: Connection, waveforms: WaveformStore, measurement: Measured) -> Judged:
         """Judge a measurement by all its windows, those of this request and those on disk."""
         accepted = [member for member in measurement.members if member.accepted]
-        stored = [member.placed.started_at for member in accepted if member.window is None]
+        stored = [member.placed.started_at for member in accepted if not member.is_new]
 
         def places() -> list[WaveformPlace]:
             with reading(connection):
@@ -287,7 +287,7 @@ class Batch:
         except WaveformDamagedError as error:
             damaged = Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error))
             return Judged(measurement.row, judge(damaged, self.configuration, self.calibration), measurement.was)
-        windows += [member.window for member in accepted if member.window is not None]
+        windows += [self._new[member.placed.started_at] for member in accepted if member.is_new]
         windows.sort(key=lambda window: window.started_at)
         outcome = judge(windows, self.configuration, self.calibration)
         return Judged(measurement.row, outcome, measurement.was, windows[0] if windows else None, len(windows))
