@@ -97,8 +97,10 @@ def _check_channels(window: Window, gate: QualityGate) -> Rejection | None:
 
 
 def _check_stuck(name: str, samples: SampleArray, gate: QualityGate) -> Rejection | None:
-    start, run = longest_run(samples)
     allowed = gate.stuck_share * samples.size
+    if 1 + np.count_nonzero(samples[1:] == samples[:-1]) <= allowed:  # nearly always: no run is as long
+        return None
+    start, run = longest_run(samples)
     if run <= allowed or not is_stuck(samples, start, run, is_excitation=name == "excitation"):
         return None
     return Rejection(
