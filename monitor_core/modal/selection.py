@@ -76,8 +76,6 @@ def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
     noise of another colour than supposed, and no sine either.
     """
     f, residual = lines.frequency, solution.projection.residual
-    if lines.repeats:  # what distorts the response repeats with the excitation, and is no sine
-        residual = residual - residual.mean(axis=0)
     power = np.sum(np.abs(residual) ** 2, axis=0)
     between = 0.5 * np.sum(np.abs(np.diff(residual, axis=1)) ** 2, axis=0)
     places = np.concatenate([f, 0.5 * (f[:-1] + f[1:])])
