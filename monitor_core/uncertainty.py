@@ -6,6 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
@@ -55,6 +56,11 @@ class Estimate:
             raise OutsideValidityError(f"standard_uncertainty must not be negative; got {self.standard_uncertainty}")
         if not self.degrees_of_freedom > 0.0:
             raise OutsideValidityError(f"degrees_of_freedom must be positive; got {self.degrees_of_freedom}")
+
+    @property
+    def expanded_uncertainty(self) -> float:
+        """Half the width of the interval that covers 95 %: Student's t times the standard uncertainty (GUM, G.3)."""
+        return float(scipy.special.stdtrit(self.degrees_of_freedom, 0.975)) * self.standard_uncertainty
 
 
 @dataclass(frozen=True, slots=True, eq=False)

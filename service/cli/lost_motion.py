@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import click
-import scipy
 
 from monitor_core.lost_motion import LostMotion, estimate_lost_motion
 from monitor_core.recording import Rejection
@@ -79,7 +78,7 @@ def _row(name: str, position: float, outcome: LostMotion | Rejection) -> tuple[s
 
 def _interval(play: Estimate, most: float) -> tuple[float, float]:
     """Return the 95 % interval of a play, which is none below 0 and no more than all that is lost [m]."""
-    half = float(scipy.special.stdtrit(play.degrees_of_freedom, 0.975)) * play.standard_uncertainty
+    half = play.expanded_uncertainty
     return max(play.value - half, 0.0), min(play.value + half, max(most, play.value))
 
 

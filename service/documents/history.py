@@ -7,7 +7,6 @@ import math
 from datetime import datetime
 from typing import Literal
 
-import scipy
 from pydantic import BaseModel, ConfigDict
 
 from monitor_core.preload import Calibration, preload_from_feature
@@ -170,7 +169,7 @@ def line_view(line: TrendLine, calibration: Calibration | None) -> LineView:
     preload = None if calibration is None else preload_from_feature(line.at_end.value, calibration.coefficients)
     # preload = (g/k3)^-3; a frequency is g^-1/2
     per_feature = (-50.0 if preload is None else -3.0 * preload) / line.at_end.value
-    reach = float(scipy.special.stdtrit(line.slope.degrees_of_freedom, 0.975)) * line.slope.standard_uncertainty
+    reach = line.slope.expanded_uncertainty
     lower, upper = sorted(per_feature * (line.slope.value + side * reach) for side in (-1.0, 1.0))
     view = LineView(
         preload_at_end_n=preload,

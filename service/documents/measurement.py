@@ -7,7 +7,6 @@ from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
-import scipy
 from pydantic import TypeAdapter
 
 from monitor_core.arrays import FloatArray
@@ -367,7 +366,7 @@ def _evidence_while_learning(
 ) -> JsonObject:  # fmt: skip
     """Lay out why an axis is said to fall while its baseline is learnt: there is none to compare it with."""
     change = alarm.change
-    reach = float(scipy.special.stdtrit(change.degrees_of_freedom, 0.975)) * change.standard_uncertainty
+    reach = change.expanded_uncertainty
     if calibration is None:
         fall = fall_of(change.value / level, reach / REACH / level, share())
         size, words = _in_percent(fall), f"while the baseline is learnt {fall_in_english(fall)}"

@@ -4,7 +4,6 @@ import math
 from datetime import datetime
 from typing import Literal
 
-import scipy
 from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.trend import JOINT_SHARE, DetectorDesign, JointEvidence, JointState, NumberChange, joint_limit
@@ -117,7 +116,7 @@ def _alarm(alarm: JointEvidence) -> TogetherAlarm:
 def _changed(change: NumberChange) -> ChangedNumber:
     """Return a change of a logarithm in percent."""
     size = change.change
-    reach = float(scipy.special.stdtrit(size.degrees_of_freedom, 0.975)) * size.standard_uncertainty
+    reach = size.expanded_uncertainty
     lower, value, upper = (100.0 * math.expm1(size.value + side) for side in (-reach, 0.0, reach))
     return ChangedNumber(
         number=change.name, change_percent=value, interval_95_percent=(lower, upper), share=change.share
