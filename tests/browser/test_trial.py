@@ -100,7 +100,9 @@ def test_its_year_is_worth_looking_at(tried: Site) -> None:
     truth_now = 300.0 - 1.5 * (364 - 322)
     lower, upper = judged[-1]["interval_95_n"]
     assert lower < truth_now < upper
-    assert sum(point["friction_torque_nm"] is not None for point in judged) == len(judged)
+    # with the workpiece no move is long enough for the drag torque, and the work of its short, ringing moves tells none
+    without_friction = {point["measurement"] for point in judged if point["friction_torque_nm"] is None}
+    assert without_friction <= {f"day-{day:03d}" for day in range(90, 120, 2)}
 
 
 @pytest.mark.release
