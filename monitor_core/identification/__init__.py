@@ -15,6 +15,10 @@ from monitor_core.identification.answer import (
     KnownSum as KnownSum,
 )
 from monitor_core.identification.cases import PredictionError as PredictionError
+from monitor_core.identification.described_calibration import (
+    prior_of_drive as prior_of_drive,
+    usual_preload_of as usual_preload_of,
+)
 from monitor_core.identification.identify_joints import (
     IdentifyOptions as IdentifyOptions,
     identify as identify,

@@ -51,6 +51,7 @@ from monitor_core.preload.prior import (
     CoefficientPrior as CoefficientPrior,
     calibration_from_prior as calibration_from_prior,
     prior_from_calibration as prior_from_calibration,
+    with_unset_preload as with_unset_preload,
 )
 from monitor_core.preload.relative import (
     UNSTATED_SHARE as UNSTATED_SHARE,

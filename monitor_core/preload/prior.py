@@ -4,7 +4,8 @@ It is predicted from joints, or an earlier calibration; readings that contradict
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -14,6 +15,7 @@ from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.preload.calibration import (
     COEFFICIENT_NAMES,
     Calibration,
+    ModalReading,
     ValidRange,
     Weighting,
     declared_influences,
@@ -156,6 +158,68 @@ def refuse_other_conditions(
             f"the prior holds at {prior.temperature:.1f} °C; expected readings within {TEMPERATURE_RESOLUTION:g} K of "
             f"it on average, got {mean:.1f} °C"
         )
+
+
+def with_unset_preload(
+    prior: CoefficientPrior, readings: Sequence[ModalReading], log_preload: Estimate
+) -> CoefficientPrior:
+    r"""Join readings under one preload that nobody set on purpose, and of which only a range is known.
+
+    .. math:: y = X(P_0)\,k - \tfrac13 k_3 P_0^{-1/3}\,\delta + e, \qquad \delta = \ln P/P_0
+
+    with the deviation :math:`\delta` common to all readings: what they tell of the axis is its level; which part of it
+    is the preload's stays as the prior has it, and no number is better known in newtons than the preload was.
+
+    Parameters
+    ----------
+    prior : CoefficientPrior
+        What is known of k1…k4.
+    readings : sequence of ModalReading
+        One at least, without payload; a preload of their conditions is not looked at.
+    log_preload : Estimate
+        ln(preload/N) of the nut, with its standard uncertainty [-].
+
+    Returns
+    -------
+    CoefficientPrior
+        Posterior of linear Gaussian equations.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If readings contradict the prior at the 0.1 % point of χ², or there is none.
+    OutsideValidityError
+        If they carry a payload.
+    """
+    if not readings:
+        raise NotIdentifiableError("a calibration of a drive model needs one reading at least, or none and no preload")
+    conditions = [reading.conditions for reading in readings]
+    if heavy := [c.payload_mass for c in conditions if c.payload_mass]:
+        raise OutsideValidityError(
+            f"readings under a preload that nobody set must carry no payload; got {heavy[0]:g} kg"
+        )
+    x, y = np.array([c.position for c in conditions]), np.array([reading.frequency for reading in readings])
+    theta = math.exp(-log_preload.value / 3.0)
+    design = feature_design(x, np.full(x.size, theta**-3.0))
+    k, covariance = prior.coefficients.values, prior.coefficients.covariance
+    stated = np.array([reading.frequency_std or 0.0 for reading in readings]) ** 2
+    scatter = (2.0 * y**-3.0) ** 2 * (stated + prior.reproducibility**2)
+    common = (k[2] * theta / 3.0 * log_preload.standard_uncertainty) ** 2
+    common += (2.0 * float(np.mean(y**-2.0)) * prior.between_sessions) ** 2  # all are of one day
+    of_readings = design @ covariance @ design.T + np.diag(scatter) + common
+    off = y**-2.0 - design @ k
+    scale = float(np.mean(y**-2.0))
+    gain = np.linalg.solve(of_readings / scale**2, design @ covariance / scale**2).T
+    _refuse_contradiction(prior, float(off / scale @ np.linalg.solve(of_readings / scale**2, off / scale)), y.size)
+    joined = covariance - gain @ design @ covariance
+    typical, factor = math.exp(log_preload.value), math.exp(1.96 * log_preload.standard_uncertainty)
+    temperatures = [c.temperature for c in conditions if c.temperature is not None]
+    return replace(
+        prior,
+        coefficients=VectorEstimate(k + gain @ off, 0.5 * (joined + joined.T), prior.coefficients.degrees_of_freedom),
+        temperature=float(np.mean(temperatures)) if len(temperatures) == y.size else None,
+        source=f"{prior.source}, {y.size} readings at a preload of {typical:.3g} N within a factor of {factor:.2g}",
+    )
 
 
 def calibration_from_prior(prior: CoefficientPrior, *, moving_mass: Estimate | None = None) -> Calibration:

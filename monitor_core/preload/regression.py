@@ -194,5 +194,6 @@ def refuse_too_few_settings(position: FloatArray, preload: FloatArray) -> None:
     if missing:
         raise NotIdentifiableError(
             f"a calibration needs, at one payload, at least {' and '.join(missing)}; with a prior (an earlier "
-            "calibration, or one predicted from identified joints) one reading will do, and the interval is wide"
+            "calibration, one predicted from identified joints, or a drive model, which asks for no known preload) "
+            "one reading will do, and the interval is wide"
         )

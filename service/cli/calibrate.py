@@ -1,16 +1,23 @@
 """``preload calibrate DATA``: k1…k4 of Nguyen's Eq. (8) with covariance, from a modal table or a session."""
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from monitor_core.modal import ModalMeasurement
 from monitor_core.preload import (
     Calibration,
     CoefficientPrior,
+    ModalReading,
     Weighting,
     calibrate as fit_calibration,
+    calibration_from_prior,
     minimum_detectable_loss,
     prior_from_calibration,
+    with_unset_preload,
 )
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import (
@@ -20,7 +27,8 @@ from monitor_core.recordings.calibration_file import (
     write_calibration,
 )
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.session import calibrate_judged, excitation_remarks, judge_session
+from monitor_core.recordings.model_file import read_model_file
+from monitor_core.session import calibrate_judged, excitation_remarks, judge_session, modes_at_set_preloads
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.data import (
     Data,
@@ -33,6 +41,7 @@ from service.cli.inputs.data import (
     map_option,
     opened_session,
 )
+from service.cli.inputs.model import model_at
 from service.cli.options import json_option
 from service.cli.output import print_json, print_line, print_table
 from service.cli.targets import require_target
@@ -55,6 +64,16 @@ from service.cli.targets import require_target
     "--prior", "prior_file", type=click.Path(path_type=Path),
     help="Calibration whose k1…k4 were known before, predicted or earlier: fewer measurements will do.",
 )  # fmt: skip
+@click.option(
+    "--model", "model_file", type=click.Path(path_type=Path),
+    help="Drive model, TOML, with the tolerances of its parts: what it lets expect is the prior, and measurements "
+    "whose preload nobody set will do. The interval is wide.",
+)  # fmt: skip
+@click.option(
+    "--preload-n", nargs=2, type=click.FloatRange(min=0, min_open=True), metavar="N UNCERTAINTY",
+    help="With --model, preload of the nut in measurements that state none, and its standard uncertainty; without it "
+    "2.5 to 7.5 % of the load rating.",
+)  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Also write the calibration to a file.")
 @band_option
 @json_option
@@ -65,12 +84,19 @@ def calibrate(
     excitation_source: str | None,
     moving_mass_kg: tuple[float, float] | None,
     prior_file: Path | None,
+    model_file: Path | None,
+    preload_n: tuple[float, float] | None,
     out: Path | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
 ) -> None:
     """Fit k1…k4 to measured natural frequencies at several positions and preloads, or join them with a prior."""
-    require_target(out, "calibration", inputs=[*paths, *([] if prior_file is None else [prior_file])])
+    known = [path for path in (prior_file, model_file) if path is not None]
+    require_target(out, "calibration", inputs=[*paths, *known])
+    if len(known) > 1:
+        raise click.UsageError("expected one of --prior and --model, for each is what is known before; got both")
+    if preload_n is not None and model_file is None:
+        raise click.UsageError("--preload-n goes with --model; measurements that are fitted state their own preload_n")
     data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.SESSION))
     _require_options_of(data, excitation_source, band_hz)
     mass = None if moving_mass_kg is None else Estimate(*moving_mass_kg)
@@ -80,7 +106,9 @@ def calibrate(
         else prior_from_calibration(read_calibration(calibration_at(prior_file)), prior_file.name)
     )
     remarks: list[str] = []
-    if data.is_session:
+    if model_file is not None:
+        calibration = _from_model(data, model_file, preload_n, weighting, mass, band_hz, excitation_source)
+    elif data.is_session:
         calibration, remarks = _from_session(data, weighting, mass, band_hz, prior)
     else:
         source = None if excitation_source is None else ExcitationSource(excitation_source)
@@ -126,20 +154,78 @@ def _from_table(
     source: ExcitationSource | None,
     prior: CoefficientPrior | None,
 ) -> Calibration:
-    readings = [row.reading for row in read_modal_table(path)]
+    return _fitted([row.reading for row in read_modal_table(path)], weighting, mass, source, prior)
+
+
+def _fitted(
+    readings: Sequence[ModalReading],
+    weighting: str | None,
+    mass: Estimate | None,
+    source: ExcitationSource | None,
+    prior: CoefficientPrior | None,
+) -> Calibration:
     stated = all(reading.frequency_std is not None for reading in readings)
     chosen = Weighting(weighting) if weighting else (Weighting.STD if stated else Weighting.NONE)
     return fit_calibration(readings, weighting=chosen, excitation_source=source, moving_mass=mass, prior=prior)
 
 
+def _from_model(
+    data: Data,
+    model_file: Path,
+    preload_n: tuple[float, float] | None,
+    weighting: str | None,
+    mass: Estimate | None,
+    band_hz: tuple[float, float] | None,
+    excitation_source: str | None,
+) -> Calibration:
+    """Join what a drive model lets expect with measurements, of preloads that were set, or of one that nobody set."""
+    from monitor_core.identification import prior_of_drive, usual_preload_of  # noqa: PLC0415  # takes a second
+
+    axis, settings = read_model_file(model_at(model_file)), axis_settings(band_hz, mass)
+    if data.is_session:
+        with opened_session(data) as session:
+            judged = list(judge_session(session, settings))
+        modes = [item.outcome.modal for item in judged if isinstance(item.outcome.modal, ModalMeasurement)]
+        readings = [
+            ModalReading(mode.mode.frequency.value, mode.conditions, mode.mode.frequency.standard_uncertainty)
+            for mode in modes
+            if mode.conditions.preload is None
+        ]
+        at_set_preload = len(modes_at_set_preloads(judged))
+        source = modes[0].excitation_source if modes else ExcitationSource.SENSOR
+        channels = {(mode.excitation_quantity, mode.response_quantity) for mode in modes}
+    else:
+        rows = [row.reading for row in read_modal_table(data.file)]
+        readings, channels = [row for row in rows if row.conditions.preload is None], set()
+        at_set_preload = len(rows) - len(readings)
+        source = ExcitationSource(excitation_source or ExcitationSource.SENSOR)
+    prior = prior_of_drive(axis, source)
+    if len(channels) == 1:
+        ((quantity, response),) = channels
+        prior = replace(prior, excitation_quantity=quantity, response_quantity=response)
+    if readings:
+        of_nut = usual_preload_of(axis)
+        if preload_n is not None:
+            of_nut = Estimate(math.log(preload_n[0]), preload_n[1] / preload_n[0])
+        prior = with_unset_preload(prior, readings, of_nut)
+    if not at_set_preload:
+        return calibration_from_prior(prior, moving_mass=mass)
+    if data.is_session:
+        return calibrate_judged(judged, settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior)
+    return _fitted([row for row in rows if row.conditions.preload is not None], weighting, mass, source, prior)
+
+
 def _print(data: Data, calibration: Calibration) -> None:
     coefficients = zip(COEFFICIENT_KEYS.values(), calibration.parameters.values, strict=False)
+    residuals = "none: no preload was set"
+    if calibration.residual_rms is not None and calibration.residual_max is not None:
+        residuals = f"{calibration.residual_rms:.4f} / {calibration.residual_max:.4f} Hz"
     print_table(
         f"Calibration from {data.name} ({calibration.n_readings} readings, weighting {calibration.weighting})",
         ("quantity", "value"),
         [
             *((name, f"{value:.6g}") for name, value in coefficients),
-            ("residual, rms / max", f"{calibration.residual_rms:.4f} / {calibration.residual_max:.4f} Hz"),
+            ("residual, rms / max", residuals),
             ("reproducibility", f"{calibration.reproducibility:.4f} Hz"),
             ("condition number", f"{calibration.condition_number:.1f}"),
             ("minimum detectable loss", f"{minimum_detectable_loss(calibration):.0f} N"),

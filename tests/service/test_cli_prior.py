@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor_core.preload import CoefficientPrior, ValidRange, calibration_from_prior
+from monitor_core.preload import CoefficientPrior, ModalReading, ValidRange, calibration_from_prior
 from monitor_core.recording import Session
 from monitor_core.recordings.calibration_file import write_calibration
+from monitor_core.recordings.model_file import write_model_file
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from monitor_core.uncertainty import VectorEstimate
+from tests.identification.test_described_calibration import AXES, Plant
 from tests.service.test_cli import K_NAMES, assert_refused
 
 SESSIONS = Path(__file__).resolve().parents[2] / "replay_data"
@@ -119,3 +121,28 @@ def test_a_session_joins_its_own_calibration(preload: Any, session: Path, tmp_pa
     # the same readings twice: half the variance
     ratio = (np.diag(again["covariance"]) / np.diag(once["covariance"]))[:4]  # behind them: payload and temperature
     assert ratio == pytest.approx([0.5] * 4, rel=0.1)
+
+
+def test_a_drive_model_will_do_where_no_preload_was_set(preload: Any, predicted: Path, tmp_path: Path) -> None:
+    """Three readings of a finite-element axis whose nut nobody measured; a later one after half is lost is covered."""
+    plant = Plant(AXES["large"], np.random.default_rng(7))
+    model, table, out = tmp_path / "axis.toml", tmp_path / "unset.csv", tmp_path / "wide.json"
+    write_model_file(model, AXES["large"])
+
+    def write(readings: Iterable[ModalReading]) -> None:
+        rows = [f"{1e3 * r.conditions.position},{r.frequency},0" for r in readings]
+        table.write_text("\n".join(["position_mm,frequency_hz,payload_kg", *rows]) + "\n", encoding="utf-8")
+
+    write(plant.reading(share) for share in (0.3, 0.5, 0.7))
+    assert_refused(preload("calibrate", table), "a calibration needs the preload of every reading")
+    assert_refused(preload("calibrate", table, "--model", model, "--prior", predicted), "one of --prior and --model")
+    assert_refused(preload("calibrate", table, "--preload-n", 300, 30), "--preload-n goes with --model")
+    of_nut = ("--preload-n", 1.1 * plant.preload, 0.2 * plant.preload)  # as its maker says, who has not measured it
+    said = preload("calibrate", table, "--model", model, *of_nut, "--out", out)
+    assert said.exit_code == 0
+    assert "none: no preload was set" in said.out
+    write([plant.reading(0.6, 0.5)])
+    (estimate,) = preload("estimate", table, "--calibration", out, "--json").json()["estimates"]
+    low, high = estimate["interval_95_n"]
+    assert low < 0.5 * plant.preload < high
+    assert 1.4**2 < high / low < 1.8**2  # what is known of the nut, a factor of 1.43 either way, and a bit
