@@ -29,7 +29,6 @@ from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.models.extended import moving_mass
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recording import MotionRecord
 from monitor_core.recordings.model_file import parse_model
 from tests.fitting.emps import emps_record
 from tests.hidden_effects.cases import baseline_text
@@ -238,7 +237,7 @@ def motion_answer(record, times):
     """Return the answer for a record whose forces and mass are so many times as large."""
     stated = {"moving_mass_kg": 95.0 * times, "viscous_friction_ns_per_m": 200.0 * times}
     axis = AxisDescription("motion", stated, dict.fromkeys(stated, 0.3))
-    return explain(axis, MotionRecord(record.sample_rate, record.position, times * record.drive, record.reference))
+    return explain(axis, replace(record, drive=times * record.drive))
 
 
 def assert_force_scales(record, times):
