@@ -16,10 +16,11 @@ from pydantic import (
 from monitor_core.preload import SHOWN_BY_SESSIONS
 from monitor_core.recording import Conditions, DoubtReason
 from monitor_core.recordings.elements.units import metres
-from monitor_core.uncertainty import Estimate, Interval
+from monitor_core.uncertainty import Estimate
 from service.documents.frequency_fall import FrequencyFall, fall_between
 from service.documents.measurement import (
     Ends,
+    Share,
     charted,
     excess_variance,
     if_stated_in_words,
@@ -130,16 +131,16 @@ class StoredMeasurement(BaseModel):
             return None
         return Conditions(metres(self.position_mm), self.payload_kg, self.temperature_c)
 
-    def fall(self, share: Interval | None) -> FrequencyFall | None:
+    def fall(self, share: Share) -> FrequencyFall | None:
         """How far the frequency lies below that of the healthy axis there; None where that is not known.
 
-        ``share`` is that of 1/f² which depends on the preload, by a drive model; None without one.
+        ``share`` tells that of 1/f² which depends on the preload, by a drive model, None without one; it takes models.
         """
         frequency, own = self.frequency_hz, self.frequency_standard_uncertainty_hz
         expected, uncertainty = self.expected_frequency_hz, self.expected_frequency_standard_uncertainty_hz
         if frequency is None or own is None or expected is None or uncertainty is None:
             return None
-        return fall_between(Estimate(frequency, own), Estimate(expected, uncertainty), share)
+        return fall_between(Estimate(frequency, own), Estimate(expected, uncertainty), share())
 
     @property
     def half_width_n(self) -> float | None:
@@ -168,7 +169,7 @@ def _added(measured: StoredMeasurement, point: "TrendPoint") -> dict[str, object
             "expected_frequency_hz": point.expected_frequency_hz,
             "expected_frequency_standard_uncertainty_hz": point.expected_frequency_uncertainty_hz,
         }
-        fall = measured.model_copy(update=added).fall(None)
+        fall = measured.model_copy(update=added).fall(lambda: None)
         if fall is not None:
             added |= {
                 "frequency_fall_percent": fall.percent, "frequency_fall_interval_95_percent": fall.interval_95_percent,

@@ -45,7 +45,7 @@ def facts_of(
         alert=alert,
         alarm=open_alarm(alarms) if row.state == "alarm" else None,
         changed_since=None if together is None or together.alarm is None else together.alarm.onset,
-        fall=last.fall(preload_share(status.configuration.drive_model)),
+        fall=last.fall(lambda: preload_share(status.configuration.drive_model)),
     )
 
 
