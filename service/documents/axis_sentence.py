@@ -80,6 +80,11 @@ def standing(facts: AxisFacts) -> Standing:
         return _unknown(facts)
     if facts.state == "learning":
         text = N_("The baseline is being learnt. Until then only a preload that falls all the while raises an alarm.")
+        if facts.in_force is None:
+            text = N_(
+                "The baseline is being learnt. Until then only a natural frequency that falls all the while raises an "
+                "alarm."
+            )
         return Standing(Said(text), Said("Measure on as usual, on different days, until the baseline is learnt."))
     if facts.changed_since is not None or facts.state == "alert":
         return _alerted(facts.alert) if facts.changed_since is None else _changed_together(facts.changed_since)

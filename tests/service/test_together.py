@@ -69,3 +69,6 @@ def test_an_axis_whose_numbers_have_changed_together_is_not_told_that_nothing_is
     changed = standing(replace(facts, changed_since=START))
     assert changed.sentence.text.startswith("Several numbers together have changed")
     assert changed.next_step.text.startswith("Measure at another position")
+    learning = replace(facts, state="learning", in_force=None, stored=None, preload=None, baseline=None)
+    assert "only a natural frequency that falls" in standing(learning).sentence.text  # no preload without newtons
+    assert "only a preload that falls" in standing(replace(learning, in_force=1)).sentence.text
