@@ -12,6 +12,8 @@ from preload_client.records import (
     AlarmEvent as AlarmEvent,
     Axis as Axis,
     Job as Job,
+    LostMotionPoint as LostMotionPoint,
+    LostMotionReceipt as LostMotionReceipt,
     Receipt as Receipt,
     TrendPoint as TrendPoint,
     WindowStatus as WindowStatus,

@@ -18,7 +18,16 @@ import httpx
 
 from preload_client.errors import JobFailedError, ProblemError, UnreachableError
 from preload_client.exchange import Transport, exchange, tls_context
-from preload_client.records import Alarm, Axis, Document, Job, Receipt, TrendPoint
+from preload_client.records import (
+    Alarm,
+    Axis,
+    Document,
+    Job,
+    LostMotionPoint,
+    LostMotionReceipt,
+    Receipt,
+    TrendPoint,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -109,6 +118,19 @@ class Client:
             "frequency_hz": np.array([point["frequency_hz"] for point in points], dtype=float),
             "position_mm": np.array([point["position_mm"] for point in points], dtype=float),
         }
+
+    def lost_motion(
+        self, axis: str, start: Moment | None = None, end: Moment | None = None
+    ) -> Iterator[LostMotionPoint]:
+        """Yield what was measured of lost motion in time order; ``start`` is inside, ``end`` is not."""
+        query = {"from": _written(start), "to": _written(end), "limit": 10_000}
+        return cast(Iterator[LostMotionPoint], self.records(f"/v1/axes/{axis}/lost-motion", "points", query))
+
+    def post_lost_motion(self, axis: str, readings: Sequence[Document]) -> LostMotionReceipt:
+        """Send lost motion, as ``preload lost-motion --json`` gives it. Safe to repeat."""
+        body = {"readings": list(readings)}
+        answer = self.request("POST", f"/v1/axes/{axis}/lost-motion", json=body, repeatable=True)
+        return cast(LostMotionReceipt, answer)
 
     def post_windows(self, axis: str, windows: Sequence[Document], *, complete: bool = False) -> Receipt:
         """Send windows; samples are numbers, bytes of little-endian float32, or numpy arrays. Safe to repeat."""

@@ -47,6 +47,31 @@ class TrendPoint(TypedDict):
     frequency_fall_interval_95_percent: tuple[float | None, float | None] | None
 
 
+class LostMotionPoint(TypedDict):
+    """Lost motion at the reversals of one log, with the 95 % interval of that part of it that is play."""
+
+    at: str
+    measurement: str
+    position_mm: float
+    reversal_value_um: float
+    reversal_value_standard_uncertainty_um: float
+    reversal_value_interval_95_um: tuple[float, float]
+    play_interval_95_um: tuple[float, float] | None
+    n_reversals: int
+    temperature_c: float | None
+    state: str
+    uncharted: str | None
+
+
+class LostMotionReceipt(TypedDict):
+    """How many readings were new, and how lost motion stands with them."""
+
+    accepted: int
+    already_there: int
+    state: str
+    sentence: str
+
+
 class WindowStatus(TypedDict):
     """What became of one window."""
 
@@ -84,7 +109,7 @@ class Alarm(TypedDict):
 
     id: int
     axis: str
-    measurement_id: int
+    measurement_id: int | None
     kind: str
     raised_at: str
     status: Literal["active", "acknowledged", "cleared", "withdrawn"]

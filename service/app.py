@@ -17,6 +17,7 @@ from service.api import (
     calibrations,
     health,
     jobs,
+    lost_motion,
     recordings,
     retention,
     system,
@@ -53,6 +54,7 @@ from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.renewal import renew_charts
+from service.operations.monitoring.lost_motion import LostMotion, renew_lost_motion
 from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
@@ -134,7 +136,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.settings = settings
     install_problem_handlers(app)
     of_json = [
-        each.router for each in (axes, trend_points, trend, calibrations, calibrating, alarms, jobs, retention, system)
+        each.router
+        for each in (axes, trend_points, trend, lost_motion, calibrations, calibrating, alarms, jobs, retention, system)
     ]
     of_json.append(axes.maintenance_router)
     routers = [windows.router, recordings.router, *of_json, health.router, *PAGES]
@@ -192,6 +195,7 @@ def open_database(settings: Settings) -> Database:
 def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, list[StatePublisher]]":
     database = open_database(settings)
     renew_charts(database)
+    renew_lost_motion(database)
     waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
     runner = JobRunner(database, {}, settings.max_waiting_jobs)  # each operation below says which work it does
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
@@ -215,6 +219,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, li
         calibration_jobs=CalibrationJobs(database, waveforms, runner),
         rejudgements=Rejudgements(database, waveforms, runner),
         alarms=Alarms(database),
+        lost_motion=LostMotion(database),
         changes=Changes(database),
         replays=Replays(settings.replay_dir, ingest, runner),
         trials=Trials(database, waveforms, runner, ingest),

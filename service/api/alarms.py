@@ -89,8 +89,8 @@ class AlarmOut(ViewModel):
 
     id: int
     axis: Annotated[str, Field(validation_alias=AliasPath("row", "axis_id"))]
-    measurement_id: int
-    kind: str
+    measurement_id: Annotated[int | None, Field(description="null: of lost motion, which no windows tell")]
+    kind: Annotated[str, Field(description="preload-loss, or lost-motion")]
     raised_at: datetime
     status: AlarmStatus
     evidence: JsonObject

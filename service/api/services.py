@@ -20,6 +20,7 @@ from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.monitoring.lost_motion import LostMotion
 from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
@@ -50,6 +51,7 @@ class Services:
     calibration_jobs: CalibrationJobs
     rejudgements: Rejudgements
     alarms: Alarms
+    lost_motion: LostMotion
     changes: Changes
     replays: Replays
     trials: Trials

@@ -13,9 +13,11 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 force_option = click.option("--force", is_flag=True, help="Replace an existing file.")
 
 
-def _address(_context: click.Context, _option: click.Parameter, url: str) -> str:
+def _address(_context: click.Context, _option: click.Parameter, url: str | None) -> str | None:
     import httpx  # noqa: PLC0415  # most commands need no web
 
+    if url is None:
+        return None
     try:
         is_address = httpx.URL(url).scheme in ("http", "https")
     except httpx.InvalidURL:
@@ -25,9 +27,10 @@ def _address(_context: click.Context, _option: click.Parameter, url: str) -> str
     return url
 
 
-url_option = click.option(
-    "--url", required=True, callback=_address, help="Address of the service, e.g. http://127.0.0.1:8710."
-)
+_ADDRESS = "Address of the service, e.g. http://127.0.0.1:8710"
+url_option = click.option("--url", required=True, callback=_address, help=f"{_ADDRESS}.")
+#: Of a command that works without a service as well.
+send_to_option = click.option("--url", callback=_address, help=f"{_ADDRESS}, that it is sent to.")
 
 
 def who_asks() -> tuple[str | None, str | None]:

@@ -52,6 +52,7 @@ class AxisFacts:
     cleared: Cleared | None = None  # since then nothing was measured
     alert: AlertView | None = None
     alarm: OpenAlarm | None = None
+    lost_motion_grows: Said | None = None  # how much it is, while its alarm stands
     changed_since: datetime | None = None  # several numbers together; None: they show no change
     fall: FrequencyFall | None = None  # of the last measurement, without a calibration
 
@@ -76,6 +77,10 @@ def standing(facts: AxisFacts) -> Standing:
     """Return how an axis stands, and what to do next."""
     if facts.alarm is not None:
         return _alarmed(facts, facts.alarm)
+    return _without_alarm(facts) if facts.lost_motion_grows is None else _loses_motion(facts.lost_motion_grows)
+
+
+def _without_alarm(facts: AxisFacts) -> Standing:
     if facts.is_silent or facts.state == "unknown":
         return _unknown(facts)
     if facts.state == "learning":
@@ -141,6 +146,11 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
         return Standing(sentence, Said(step, {"day": facts.heard_at}))
     step = N_("Measure at another position, compare the friction torque, check nut preload and lubrication.")
     return Standing(sentence, Said(step))
+
+
+def _loses_motion(grows: Said) -> Standing:
+    step = N_("Measure it again, slowly and at the same place; check nut, screw, bearings and mounting for play.")
+    return Standing(grows, Said(step))
 
 
 def _what_is_lost(facts: AxisFacts, alarm: OpenAlarm) -> Said:

@@ -25,12 +25,14 @@ class NotExamined(StrEnum):
     NO_DRIVE_MODEL = "no-drive-model"
     TOO_FEW_POSITIONS = "too-few-places"
     REFUSED = "refused"
+    LOST_MOTION = "lost-motion"
 
 
 _SENTENCES = {
     NotExamined.NO_BASELINE: "cause not examined: there is no baseline yet to compare with",
     NotExamined.NO_DRIVE_MODEL: "cause not examined: the axis has no drive model",
     NotExamined.TOO_FEW_POSITIONS: "cause not examined yet: it takes measurements at three positions since the onset",
+    NotExamined.LOST_MOTION: "cause not examined: lost motion grows with wear, and as preload is lost",
 }
 
 
@@ -40,6 +42,12 @@ def not_examined_yet(configuration: JsonObject, *, has_baseline: bool) -> JsonOb
     reason = NotExamined.TOO_FEW_POSITIONS if has_model else NotExamined.NO_DRIVE_MODEL
     if not has_baseline:
         reason = NotExamined.NO_BASELINE
+    return {"examined": False, "reason": str(reason), "sentence": _SENTENCES[reason], "recent": None}
+
+
+def lost_motion_unexamined() -> JsonObject:
+    """Return what an alarm of lost motion says of its cause: the responses that tell causes apart are not of it."""
+    reason = NotExamined.LOST_MOTION
     return {"examined": False, "reason": str(reason), "sentence": _SENTENCES[reason], "recent": None}
 
 

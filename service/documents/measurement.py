@@ -317,10 +317,15 @@ _CHART = {
         "each session since then is more than {limit:.1f} standard deviations off, the latest {value:.1f}"
     ),
     Chart.SHIRYAEV_ROBERTS: (
-        "all sessions together speak for a loss that has lasted since then, the logarithm of the evidence is "
+        "all sessions together speak for a {change} that has lasted since then, the logarithm of the evidence is "
         "{value:.1f}, its limit {limit:.1f}"
     ),
 }
+
+
+def chart_in_english(alarm: Evidence, change: str) -> str:
+    """Return what the chart that raised an alarm shows; ``change`` is what it is about, in a word."""
+    return _CHART[alarm.chart].format(value=alarm.value, limit=alarm.limit, change=change)
 
 
 def alarm_evidence(
@@ -353,8 +358,7 @@ def alarm_evidence(
         # what was learnt before anybody could know is no reference for the change
         "baseline_ended_at": text_of(min(baseline.ended_at, alarm.onset - timedelta(microseconds=1))),
         "sentence": (
-            f"since {alarm.onset:%Y-%m-%d} {lost_in_words}: "
-            + _CHART[alarm.chart].format(value=alarm.value, limit=alarm.limit)
+            f"since {alarm.onset:%Y-%m-%d} {lost_in_words}: " + chart_in_english(alarm, "loss")
         ),
         "check_next": "measure again at another position; compare the friction torque; check nut and bearing mounting",
     })  # fmt: skip
@@ -469,6 +473,9 @@ class AlarmEvidence:
     preload_lost_if_preload_percent: tuple[float, float] | None = None
     share_by_model: bool = False
     chart: str | None = None
+    lost_motion_um: float | None = None  # of an alarm of lost motion, as what follows
+    lost_motion_interval_95_um: tuple[float, float] | None = None
+    lost_motion_baseline_um: float | None = None  # None: it grew while its baseline was learnt
 
     @property
     def while_learning(self) -> bool:

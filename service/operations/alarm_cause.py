@@ -104,7 +104,9 @@ class AlarmExplanations:
         """
         try:
             with self._database.read() as session:
-                newest = alarms.list_alarms(session, axis_id=axis_id, status=None, before_id=None, limit=1)
+                newest = alarms.list_alarms(
+                    session, axis_id=axis_id, status=None, before_id=None, limit=1, by_measurements=True
+                )
                 waits = any(row.status == jobs.QUEUED for row in jobs.unfinished_jobs(session, KIND, axis_id))
             if waits or not newest or newest[0].status == alarms.CLEARED:
                 return
@@ -144,6 +146,8 @@ class AlarmExplanations:
             alarm = alarms.get_alarm(session, alarm_id)
             if alarm.status == alarms.CLEARED:
                 raise ConflictError(f"only an alarm that is open can be explained; alarm {alarm_id} is cleared")
+            if alarm.kind == alarms.LOST_MOTION:
+                raise NotIdentifiableError(f"expected an alarm of the preload; alarm {alarm_id} is of {alarm.kind}")
             configuration = load_configuration(get_axis(session, alarm.axis_id).configuration)
             evidence = read_evidence(alarm.evidence)
             start, end = _baseline(alarm.id, evidence)

@@ -13,6 +13,8 @@ ACTIVE, ACKNOWLEDGED, CLEARED = "active", "acknowledged", "cleared"
 #: Raised by charts that a late measurement changed: with it they raise no alarm. Listed where it is asked for.
 WITHDRAWN = "withdrawn"
 OPEN = (ACTIVE, ACKNOWLEDGED)
+#: What the chart of lost motion finds: its alarms are of no measurement of windows, and of no fold of the other charts.
+LOST_MOTION = "lost-motion"
 #: Epoch of alarms that the charts of this version of the program do not raise: no fold comes to it.
 OF_OLDER_CHARTS = -1
 _N_OPEN = select(func.count()).where(AlarmRow.axis_id == bindparam("axis_id"), AlarmRow.status.in_(OPEN))
@@ -25,10 +27,16 @@ def get_alarm(session: Session, alarm_id: int) -> AlarmRow:
 
 
 def list_alarms(
-    session: Session, *, axis_id: str | None, status: str | None, before_id: int | None, limit: int
-) -> list[AlarmRow]:
-    """Return alarms, newest first; those of an archived axis only where it is asked for."""
+    session: Session, *, axis_id: str | None, status: str | None, before_id: int | None, limit: int,
+    by_measurements: bool = False,
+) -> list[AlarmRow]:  # fmt: skip
+    """Return alarms, newest first; those of an archived axis only where it is asked for.
+
+    ``by_measurements``: without those of lost motion, that no measurement of windows raises.
+    """
     query = select(AlarmRow)
+    if by_measurements:
+        query = query.where(AlarmRow.kind != LOST_MOTION)
     if axis_id is not None:
         query = query.where(AlarmRow.axis_id == axis_id)
     else:
@@ -79,9 +87,15 @@ def open_by_axis(session: Session) -> dict[str, int]:
     return {row.axis_id: row.open for row in session.execute(query)}
 
 
+def of_lost_motion(session: Session, axis_id: str) -> list[AlarmRow]:
+    """Return the alarms of the lost motion of an axis in order, without those that were withdrawn."""
+    of_axis = (AlarmRow.axis_id == axis_id, AlarmRow.status != WITHDRAWN, AlarmRow.kind == LOST_MOTION)
+    return list(session.scalars(select(AlarmRow).where(*of_axis).order_by(AlarmRow.measured_at, AlarmRow.id)))
+
+
 def raised_after(session: Session, axis_id: str, epoch: int, after: datetime | None) -> list[AlarmRow]:
     """Return the alarms by measurements later than a moment, of an epoch of the charts and those after it, in order."""
-    of_axis = (AlarmRow.axis_id == axis_id, AlarmRow.status != WITHDRAWN)
+    of_axis = (AlarmRow.axis_id == axis_id, AlarmRow.status != WITHDRAWN, AlarmRow.kind != LOST_MOTION)
     query = select(AlarmRow).where(*of_axis, AlarmRow.epoch >= epoch)
     if after is not None:
         query = query.where(AlarmRow.measured_at > after)

@@ -28,17 +28,19 @@ _LOG = (
 _CORRECTED = select(MaintenanceRow.corrects).where(
     MaintenanceRow.axis_id == bindparam("axis_id"), MaintenanceRow.corrects.is_not(None)
 )
-_LUBRICATIONS = (
+_ENTRIES = (
     select(MaintenanceRow.at)
     .where(
         MaintenanceRow.axis_id == bindparam("axis_id"),
-        MaintenanceRow.kind == bindparam("kind"),
+        MaintenanceRow.kind.in_(bindparam("kinds", expanding=True)),
         MaintenanceRow.id.not_in(_CORRECTED),
     )
     .order_by(MaintenanceRow.at)
 )
-#: Entry of the log.
-LUBRICATED = "lubricated"
+#: Entries of the log.
+LUBRICATED, NUT_REPLACED, SCREW_REPLACED = "lubricated", "nut-replaced", "screw-replaced"
+#: With another nut or screw it is another axis that the charts watch.
+RENEWALS = (NUT_REPLACED, SCREW_REPLACED)
 Documents = tuple[str | None, ...]
 
 
@@ -151,4 +153,9 @@ def standing_entries(log: list[MaintenanceRow]) -> list[MaintenanceRow]:
 
 def lubrications_of(connection: Connection, axis_id: str) -> list[datetime]:
     """Return when an axis was lubricated, by the entries of its log that no other one corrects, in order of time."""
-    return list(connection.scalars(_LUBRICATIONS, {"axis_id": axis_id, "kind": LUBRICATED}))
+    return list(connection.scalars(_ENTRIES, {"axis_id": axis_id, "kinds": [LUBRICATED]}))
+
+
+def renewals_of(connection: Connection, axis_id: str) -> list[datetime]:
+    """Return when an axis got another nut or screw, as :func:`lubrications_of` does."""
+    return list(connection.scalars(_ENTRIES, {"axis_id": axis_id, "kinds": RENEWALS}))

@@ -7,7 +7,7 @@ from sqlalchemy.schema import CreateIndex
 
 from service.errors import DataFolderError
 from service.store.tables import AlarmRow, AuditRow, Base, MeasurementRow, VersionRow, WindowRow
-from service.store.trend import epochs, rollups, sessions  # noqa: F401 - their tables belong to the schema
+from service.store.trend import epochs, lost_motion, rollups, sessions  # noqa: F401 - their tables belong to the schema
 
 #: When the last window of a measurement began, as far as an older program kept it: not what a wrong clock says.
 _FILL_ENDS = """UPDATE measurements SET ended_at =
@@ -38,14 +38,20 @@ def _repeat_names(connection: Connection) -> None:
         connection.execute(text("ALTER TABLE measurements DROP CONSTRAINT uq_measurements_axis_id_name"))
         _make_index(connection, measurements, "ix_measurements_axis_name")
         return
-    # SQLite drops a constraint with its table only; what refers to a row of it looks for that at the commit
+    _make_anew(connection, measurements)
+
+
+def _make_anew(connection: Connection, of: Table) -> None:
+    """Give a table of SQLite its present columns, with all its rows: a constraint is dropped with its table only."""
+    # what refers to a row of it looks for that at the commit
     connection.execute(text("PRAGMA defer_foreign_keys = ON"))
-    connection.execute(text("CREATE TEMPORARY TABLE copied AS SELECT * FROM measurements"))
-    connection.execute(text("DROP TABLE measurements"))
-    measurements.create(connection)
-    names = [each.name for each in measurements.c]
+    connection.execute(text(f"CREATE TEMPORARY TABLE copied AS SELECT * FROM {of.name}"))  # noqa: S608 - a table of ours
+    connection.execute(text(f"DROP TABLE {of.name}"))
+    _state_conditions(connection.dialect.name)
+    of.create(connection)
+    names = [each.name for each in of.c]
     copied = table("copied", *(column(name) for name in names))
-    connection.execute(insert(measurements).from_select(names, select(copied)))
+    connection.execute(insert(of).from_select(names, select(copied)))
     connection.execute(text("DROP TABLE copied"))
 
 
@@ -74,6 +80,16 @@ def _count_friction_positive(connection: Connection) -> None:
     connection.execute(text("UPDATE sessions SET friction_torque_nm = ABS(friction_torque_nm)"))
 
 
+def _keep_lost_motion(connection: Connection) -> None:
+    """Keep lost motion, whose alarms no measurement of windows raises."""
+    for kept in (lost_motion.READINGS, lost_motion.CHARTS):
+        kept.create(connection)
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("ALTER TABLE alarms ALTER COLUMN measurement_id DROP NOT NULL"))
+        return
+    _make_anew(connection, AlarmRow.metadata.tables[AlarmRow.__tablename__])
+
+
 #: Oldest version that this program opens.
 BASELINE = "0017"
 #: What follows the baseline: the version that each step leads to, and what it changes, on SQLite and on PostgreSQL.
@@ -84,6 +100,7 @@ STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0021", _keep_shown_scatter),
     ("0022", _keep_frequencies),
     ("0026", _count_friction_positive),
+    ("0028", _keep_lost_motion),
 )
 #: The version that this program writes.
 VERSION = STEPS[-1][0]

@@ -309,7 +309,9 @@ class AlarmRow(Base):
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
-    measurement_id: Mapped[int] = mapped_column(ForeignKey("measurements.id"), index=True)
+    measurement_id: Mapped[int | None] = mapped_column(
+        BigInteger, ForeignKey("measurements.id"), index=True
+    )  # None: of lost motion
     kind: Mapped[str] = mapped_column(String(40))
     raised_at: Mapped[datetime]
     epoch: Mapped[int]  # of the charts that raised it

@@ -13,6 +13,7 @@ from service.api.alarms import AlarmOut, ExaminedOut
 from service.api.services import Services, ServicesOf
 from service.clock import now
 from service.documents.axis_sentence import alarm_sentence
+from service.documents.lost_motion import lost_motion_alarm_sentence
 from service.documents.measurement import AlarmEvidence, interval_of, read_evidence
 from service.documents.said import N_
 from service.errors import InvalidRequestError
@@ -26,7 +27,7 @@ from service.store.trend.points import Span
 from service.store.trend.shown import ShownPoint
 from service.web.forms import MomentText, ShownRange, moment_of
 from service.web.site import PageOf, done
-from service.web.trend_view import MOST_SHOWN, Charts, Drawn, frequency_charts, preload_charts
+from service.web.trend_view import MOST_SHOWN, Charts, Drawn, frequency_charts, lost_motion_charts, preload_charts
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -114,7 +115,12 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
         last=status.last,
         present=present,
         present_interval=None if present is None else interval_of(present),
-        sentence=alarm_sentence(evidence, status.row.name),
+        sentence=(
+            alarm_sentence(evidence, status.row.name)
+            if evidence.lost_motion_um is None
+            else lost_motion_alarm_sentence(evidence, status.row.name)
+        ),
+        lost_motion=None if evidence.lost_motion_um is None else on.lost_motion.standing(view.row.axis_id),
         cleared=view.last_to("cleared"),
         seen=view.last_to("acknowledged"),
         stands=view.row.status in ("active", "acknowledged"),
@@ -139,15 +145,18 @@ def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Service
     if evidence.baseline_started_at is not None:
         start = min(start, max(evidence.baseline_started_at, evidence.onset - 4 * (evidence.at - evidence.onset)))
     end = evidence.at + timedelta(microseconds=1)
+    margin = max((end - start) * 0.02, timedelta(minutes=1))
+    shown = ShownRange(start - margin, end + margin, None, [], [])
+    onset, raised = words(N_("onset")), words(N_("alarm"))
+    events = [LaneEvent(evidence.onset, "learnt", onset), LaneEvent(evidence.at, "alarm", raised)]
+    if evidence.lost_motion_um is not None:
+        readings = [reading for reading in on.lost_motion.readings(axis_id) if start <= reading.at < end]
+        return lost_motion_charts(words, readings, shown, on.lost_motion.standing(axis_id), events=events)
     points = on.trend.at_resolution(axis_id, Span(start, end), MOST_SHOWN).points
     if not points:
         return None
-    margin = max((end - start) * 0.02, timedelta(minutes=1))
-    shown = ShownRange(start - margin, end + margin, None, [], [])
     level = evidence.baseline_preload_n
     band = None if level is None else Band(level, level, level, "")
-    onset, raised = words(N_("onset")), words(N_("alarm"))
-    events = [LaneEvent(evidence.onset, "learnt", onset), LaneEvent(evidence.at, "alarm", raised)]
     nothing = AxisHistory(None, None, None)
     if evidence.fall is not None:
         drawn = Drawn.of(points, on.history.of(axis_id).healthy)

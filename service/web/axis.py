@@ -1,7 +1,7 @@
 """``/axes/{axis}``: how one axis stands, its trend, what can be trusted, its measurements and alarms."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Final
 from urllib.parse import urlencode
 
@@ -13,16 +13,19 @@ from service.api.axes import AxisOut
 from service.api.jobs import JobOut
 from service.api.services import Services, ServicesOf
 from service.documents.axis_sentence import standing
+from service.documents.lost_motion import LostMotionStanding
 from service.documents.measurement import falls_of, interval_of
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import finished_discrepancies
 from service.operations.fields import AxisId
+from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.history import AxisHistory
 from service.operations.monitoring.standing import facts_of, open_alarm
 from service.operations.monitoring.trend import AxisStatus, Only
 from service.operations.retention import count_pins
 from service.report.trend_chart import LaneEvent
+from service.store.alarms import LOST_MOTION
 from service.store.tables import AxisRow, MaintenanceRow
 from service.store.trend.points import Quality, Span
 from service.store.trend.shown import ShownPoint, ToldColumns
@@ -35,6 +38,7 @@ from service.web.trend_view import (
     Drawn,
     frequency_charts,
     lane_of,
+    lost_motion_charts,
     low_charts,
     preload_charts,
 )
@@ -70,12 +74,22 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
         alarms = on.alarms.list(axis, None, None, _MOST_ALARMS)
         told = [AlarmOut.model_validate(view) for view in alarms]
         active = next((row for row in overview.calibrations if row.id == overview.active), None)
+        lost_motion = on.lost_motion.standing(axis)
+        of_lost_motion = [view for view in alarms if view.row.kind == LOST_MOTION]
+        others = [view for view in alarms if view.row.kind != LOST_MOTION]
+
+        def lane(of: Sequence[AlarmView]) -> list[LaneEvent]:
+            return lane_of(page.words, of, overview, history)
+
+        pictures = _pictures(status.row, page.words, query, on, history=history, events=lane(others))
         only: Only | None = query.only or None
         listed = on.trend.page(axis, query.listed, cursor=query.before, limit=_LISTED, newest_first=True, only=only)
         return page.show(
             "axis.html",
             axis=AxisOut.model_validate(status),
-            standing=standing(facts_of(status, overview, alarms, history.alert, history.together)),
+            standing=standing(
+                facts_of(status, overview, alarms, history.alert, history.together, lost_motion=lost_motion)
+            ),
             last=status.last,
             history=history,
             rule=on.trend.paper_rule(status.row),
@@ -93,13 +107,16 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
             csv=csv_address(axis, query),
             sections=sections_of(status, on, history),
             discrepancies=finished_discrepancies(on.database, axis),
-            pictures=_pictures(
-                status.row,
+            pictures=pictures,
+            lost_motion=lost_motion,
+            lost_motion_charts=_lost_motion_charts(
+                axis,
                 page.words,
                 query,
                 on,
-                history=history,
-                events=lane_of(page.words, alarms, overview, history),
+                standing=lost_motion,
+                pictures=pictures,
+                events=lane(of_lost_motion),
             ),
         )
 
@@ -121,6 +138,22 @@ def _pictures(
     asked = (row.id, words, query.range, query.start, query.end)
     shows = (row.revision, history.baseline, history.line, history.healthy, events)
     return on.drawn.of(asked, shows, lambda: _drawn(row.id, words, query, on, history=history, events=events))
+
+
+def _lost_motion_charts(
+    axis: str, words: Words, query: RangeQuery, on: Services, *, standing: LostMotionStanding,
+    pictures: Pictures | None, events: Sequence[LaneEvent],
+) -> Charts | None:  # fmt: skip
+    """Return the picture of lost motion over the span of the trend and what is later; None if none was measured."""
+    readings = on.lost_motion.readings(axis)
+    if not readings:
+        return None
+    shown = shown_range(f"/axes/{axis}", query, readings[0].at, readings[-1].at)
+    if pictures is not None and shown.name is not None:
+        both = shown, pictures.shown
+        shown = replace(shown, start=min(each.start for each in both), end=max(each.end for each in both))
+    told = [event for event in events if event.kind in ("alarm", "cleared", "work")]
+    return lost_motion_charts(words, readings, shown, standing, events=told)
 
 
 def _drawn(

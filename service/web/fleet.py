@@ -20,6 +20,7 @@ from service.operations.monitoring.trend import SEVERITY, AxisStatus
 from service.operations.trial.story import EVERY, N_MEASUREMENTS, N_WINDOWS
 from service.operations.trial.trial import TRIAL_MACHINE
 from service.report.trend_chart import sparkline
+from service.store.alarms import LOST_MOTION
 from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)
@@ -74,10 +75,14 @@ def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Resp
     if query.state == "archived":
         return _archived(page, query, on)
     fleet, alarms = on.trend.fleet(), on.alarms.open_by_axis()
-    needy = sum(status.state in NEEDY for status in fleet.axes) + len(fleet.damaged)
+    needy = sum(_severity(status, alarms) in NEEDY for status in fleet.axes) + len(fleet.damaged)
     statuses = sorted(
         (status for status in fleet.axes if _is_meant(status, query)),
-        key=lambda status: (SEVERITY.index(status.state), _is_taken(alarms.get(status.row.id)), status.row.id),
+        key=lambda status: (
+            SEVERITY.index(_severity(status, alarms)),
+            _is_taken(alarms.get(status.row.id)),
+            status.row.id,
+        ),
     )
     begin = (query.page - 1) * _ON_A_PAGE
     shown = statuses[begin : begin + _ON_A_PAGE]
@@ -109,6 +114,12 @@ def _archived(page: PageOf, query: FleetQuery, on: Services) -> Response:
 def _is_meant(status: AxisStatus, query: FleetQuery) -> bool:
     wanted = query.q.strip().lower()
     return query.state in ("", status.state) and (wanted in status.row.name.lower() or wanted in status.row.id.lower())
+
+
+def _severity(status: AxisStatus, alarms: Mapping[str, AlarmView]) -> str:
+    """Return how bad an axis stands: its state is that of the preload, and lost motion may have an alarm, too."""
+    view = alarms.get(status.row.id)
+    return "alarm" if view is not None and view.row.kind == LOST_MOTION else status.state
 
 
 def _is_taken(alarm: AlarmView | None) -> bool:

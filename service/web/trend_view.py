@@ -13,11 +13,12 @@ from markupsafe import Markup
 from monitor_core.arrays import FloatArray
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
+from service.documents.lost_motion import LostMotionStanding
 from service.documents.measurement import ends_of, falls_of, numbers_of
 from service.documents.said import N_
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
-from service.operations.monitoring.extremes import thin_out
+from service.operations.monitoring.extremes import extremes_of, thin_out
 from service.operations.monitoring.history import AxisHistory, HealthyFrequency
 from service.report.svg import Frame
 from service.report.trend_chart import (
@@ -32,6 +33,8 @@ from service.report.trend_chart import (
     TrendPicture,
     trend_chart,
 )
+from service.store.tables import microseconds_of
+from service.store.trend.lost_motion import LostMotionReading
 from service.store.trend.shown import ShownPoint, ToldColumns
 from service.web.forms import ShownRange
 from service.web.shown import decimal, with_interval
@@ -153,6 +156,39 @@ def low_charts(
         return trend_chart(TrendPicture(*name, shown.start, shown.end, marks, events), frame, write)
 
     return twice(words, draw, LOW_WIDE, LOW_NARROW)
+
+
+def lost_motion_charts(
+    words: Words, readings: Sequence[LostMotionReading], shown: ShownRange, standing: LostMotionStanding, *,
+    events: Sequence[LaneEvent] = (),
+) -> Charts:  # fmt: skip
+    """Draw lost motion with its intervals, and the band of its baseline; what was measured elsewhere is a square."""
+    band, title = None, words(N_("Lost motion over time"))
+    if standing.baseline_um is not None and standing.baseline_interval_95_um is not None:
+        band = Band(standing.baseline_um, *standing.baseline_interval_95_um, words(N_("baseline")))
+    within = [reading for reading in readings if shown.start <= reading.at < shown.end]
+
+    def draw(frame: Frame, write: Callable[[str], str]) -> Markup:
+        most = MOST_SHOWN if frame is LOW_WIDE else _ON_A_PHONE
+        drawn = _extremes_and_newest(within, most)
+        value, lower, upper = (
+            np.array([getattr(reading, name) for reading in drawn], dtype=np.float64)
+            for name in ("reversal_value_um", "interval_lower_um", "interval_upper_um")
+        )
+        kinds = ["unknown" if reading.uncharted else reading.state for reading in drawn]
+        marks = Marks(np.array([reading.at.timestamp() for reading in drawn]), value, lower, upper, kinds)
+        return trend_chart(TrendPicture(title, "µm", shown.start, shown.end, marks, events, band), frame, write)
+
+    return twice(words, draw, LOW_WIDE, LOW_NARROW)
+
+
+def _extremes_and_newest(readings: Sequence[LostMotionReading], most: int) -> list[LostMotionReading]:
+    if len(readings) <= most:
+        return list(readings)
+    each = {microseconds_of(reading.at): reading for reading in readings}
+    values = [(at, reading.reversal_value_um, at, reading.reversal_value_um, at) for at, reading in each.items()]
+    kept = extremes_of(values[:-1], (most - 1) // 2)
+    return [reading for at, reading in each.items() if at in kept or reading is readings[-1]]
 
 
 def lane_of(

@@ -108,19 +108,24 @@ def relative(window):
     return replace(window, response_quantity=ResponseQuantity.RELATIVE_DISPLACEMENT)
 
 
-def test_the_command_of_the_page_leads_to_its_numbers(preload, tmp_path, monkeypatch):
-    page = (PROJECT_ROOT / "docs/how-to/lost-motion.md").read_text(encoding="utf-8")
+def write_log(path):
+    """Write the log of the page: 9 slow reversals of an axis with 5 µm of play."""
     axis = SlowAxis(*(np.array([value]) for value in (5 * MICROMETRE, 1.2e8, 150.0, 60.0)))
     record = go_to_and_fro(axis, np.random.default_rng(7), turns=9, period=1.5)
     time = 1e3 * np.arange(record.angle.shape[1]) / record.rate
     columns = np.column_stack([time, record.angle[0], 1e6 * record.scale[0], record.torque[0]])
-    monkeypatch.chdir(tmp_path)
     header = "t [ms],Motor angle [rad],Scale [um],Torque [N.m]"
-    np.savetxt("slow.csv", columns, ["%.0f", "%.8f", "%.2f", "%.5f"], ",", header=header, comments="")
+    np.savetxt(path, columns, ["%.0f", "%.8f", "%.2f", "%.5f"], ",", header=header, comments="")
+
+
+def test_the_command_of_the_page_leads_to_its_numbers(preload, tmp_path, monkeypatch):
+    page = (PROJECT_ROOT / "docs/how-to/lost-motion.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    write_log(tmp_path / "slow.csv")
     (channels,) = re.findall(r'```toml title="slow.toml"\n(.*?)```', page, re.DOTALL)
     (tmp_path / "slow.toml").write_text(channels, encoding="utf-8")
     ((command, expected),) = re.findall(r"```console\n\$ \.venv/bin/preload (.*?)\n(.*?)```", page, re.DOTALL)
     assert preload(*command.split()).out.split() == expected.split()
     answer = json.loads(preload(*command.split(), "--json").out)["measurements"][0]
-    low, high = answer["interval_95_um"]
+    low, high = answer["play_interval_95_um"]
     assert low < 5.0 < high < answer["reversal_value_um"]

@@ -22,17 +22,20 @@ from pydantic import BaseModel
 from service.api.alarms import AlarmOut
 from service.api.http import tables
 from service.api.http.tables import Column, TableQuery, columns_of, table
+from service.api.lost_motion import LostMotionPointOut
 from service.api.system import AuditEntryOut
 from service.api.trend_points import TrendPointOut
 from service.clock import text_of
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, AlarmRow
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
+from tests.service.test_lost_motion import reading
 
 SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.session.h5"
 #: With the name of the list in JSON and the class of its records; windows have a format of their own.
 LISTS = {
     "/v1/axes/{axis}/trend": ("points", TrendPointOut),
+    "/v1/axes/{axis}/lost-motion": ("points", LostMotionPointOut),
     "/v1/alarms": ("alarms", AlarmOut),
     "/v1/audit": ("entries", AuditEntryOut),
 }
@@ -53,6 +56,8 @@ def filled(shared_api: Api) -> Api:
     for number in range(7):
         windows = simulated_measurement(rng, f"@m{number}", started_at=START.replace(day=2 + number), n_windows=3)
         shared_api.accept("mill", windows, complete=True)
+    lost = [reading(rng, number, measurement="=1") for number in range(7)]
+    shared_api.http.post("/v1/axes/mill/lost-motion", json={"readings": lost}).raise_for_status()
     with SESSION.open("rb") as file:
         shared_api.http.post("/v1/axes/mill/recordings", files={"file": file}).raise_for_status()
     while shared_api.http.get("/v1/jobs").json()["jobs"][0]["status"] != "done":

@@ -42,7 +42,9 @@ def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, beca
                 n_new += 1
                 _raise(session, axis, epoch, alarm, "raised by measurement")
             elif row is not None and alarm is not None:
-                _raise_again(session, row, alarm, _evidence(axis, alarm), because_of)
+                row.epoch = alarm.point.epoch
+                raised_by = alarm.point.measurement_id, alarm.point.at
+                raise_again(session, row, raised_by, _evidence(axis, alarm), because_of)
             elif row is not None and epoch in folded.watched:
                 change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the charts raise none")
         session.commit()  # hands it to the connection
@@ -91,24 +93,32 @@ def _evidence(axis: AxisRecord, alarm: Raised) -> JsonObject:
     return alarm_evidence(alarm.point, alarm.state, alarm.calibration, partial(preload_share, model))
 
 
-def _raise_again(session: Session, row: AlarmRow, alarm: Raised, evidence: JsonObject, because_of: str) -> None:
-    row.epoch = alarm.point.epoch
+def raise_again(
+    session: Session, row: AlarmRow, raised_by: tuple[int | None, datetime], evidence: JsonObject, because_of: str
+) -> None:
+    """Let an alarm that charts raise once more rest on what raises it now: number of its measurement, and when."""
     if row.evidence != evidence:
-        row.evidence, row.measurement_id, row.measured_at = evidence, alarm.point.measurement_id, alarm.point.at
+        row.evidence, (row.measurement_id, row.measured_at) = evidence, raised_by
         change_alarm(session, row, row.status, f"{because_of} changed the evidence")
 
 
 def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised, reason: str) -> None:
-    at, point = now(), alarm.point
+    point = alarm.point
     row = AlarmRow(
-        axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, raised_at=at, epoch=epoch,
-        measured_at=point.at, status=alarms.ACTIVE, evidence=_evidence(axis, alarm),
+        axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, epoch=epoch, measured_at=point.at,
+        evidence=_evidence(axis, alarm),
         explanation=not_examined_yet(axis.configuration, has_baseline=alarm.state.detector.known is not None),
-        shelved_until=None,
     )  # fmt: skip
+    add_alarm(session, row, reason)
+
+
+def add_alarm(session: Session, row: AlarmRow, reason: str) -> None:
+    """Raise an alarm now."""
+    row.raised_at, row.status, row.shelved_until = now(), alarms.ACTIVE, None
     session.add(row)
     session.flush()
-    _tell(session, row, AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=reason))
+    event = AlarmEventRow(alarm_id=row.id, at=row.raised_at, old_status=None, new_status=alarms.ACTIVE, reason=reason)
+    _tell(session, row, event)
 
 
 def store_explanation(session: Session, row: AlarmRow, explanation: JsonObject) -> None:
@@ -198,5 +208,7 @@ def alarm_notice(alarm: AlarmRow, event: AlarmEventRow) -> JsonObject:
         "frequency_fall_percent": evidence.get("frequency_fall_percent"),
         "frequency_fall_interval_95_percent": evidence.get("frequency_fall_interval_95_percent"),
         "preload_lost_if_preload_percent": evidence.get("preload_lost_if_preload_percent"),
+        "lost_motion_um": evidence.get("lost_motion_um"),
+        "lost_motion_baseline_um": evidence.get("lost_motion_baseline_um"),
         "onset": evidence.get("onset"),
     }

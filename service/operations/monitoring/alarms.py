@@ -20,6 +20,7 @@ from service.operations.monitoring.alarm_changes import (
     shelve_alarm,
 )
 from service.operations.monitoring.intake.epochs import begin_by_inspection
+from service.operations.monitoring.lost_motion import learn_anew
 from service.store import alarms
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -134,7 +135,9 @@ class Alarms:
                 raise ConflictError(f"alarm {alarm_id} is {row.status} already")
             change_alarm(session, row, alarms.CLEARED, comment, who)
             session.flush()
-            if row.epoch in (alarms.OF_OLDER_CHARTS, get_axis(session, row.axis_id).epoch):
+            if row.kind == alarms.LOST_MOTION:
+                learn_anew(session.connection(), row.axis_id, row.epoch)
+            elif row.epoch in (alarms.OF_OLDER_CHARTS, get_axis(session, row.axis_id).epoch):
                 begin_by_inspection(session.connection(), row.axis_id)
         return self.get(alarm_id)
 

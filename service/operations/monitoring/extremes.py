@@ -29,7 +29,7 @@ def extremes(connection: Connection, axis_number: int, span: Span, resolution: i
         return thin_out(points, resolution)
     units = [HOUR] if n_hours <= most else [DAY, HOUR]
     held = _held(connection, axis_number, span, units)
-    return points_at(connection, axis_number, _extremes_of(held, max(resolution // 2, 1)))
+    return points_at(connection, axis_number, extremes_of(held, max(resolution // 2, 1)))
 
 
 def thin_out(points: Sequence[ShownPoint], most: int) -> list[ShownPoint]:
@@ -37,7 +37,7 @@ def thin_out(points: Sequence[ShownPoint], most: int) -> list[ShownPoint]:
     if len(points) <= most:
         return list(points)
     each = [_extremes_at(point) for point in points]
-    kept = _extremes_of(each, max(most // 2, 1))
+    kept = extremes_of(each, max(most // 2, 1))
     return [point for point, alone in zip(points, each, strict=True) if alone[0] in kept]
 
 
@@ -58,7 +58,7 @@ def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[
     return head + extremes_held(connection, axis_number, unit, Span(begin, end)) + tail
 
 
-def _extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
+def extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
     """Return when the extremes of each of so many stretches were measured, alike in how much they hold [µs]."""
     edges = [i * len(held) // n_stretches for i in range(n_stretches + 1)]
     moments = set[int]()

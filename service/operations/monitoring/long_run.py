@@ -110,7 +110,9 @@ def projection_of(database: Database, axis_id: str) -> ProjectedPreload | None:
     """
     with database.read() as session:
         row = axes.get_axis(session, axis_id)
-        newest = alarms.list_alarms(session, axis_id=axis_id, status=None, before_id=None, limit=1)
+        newest = alarms.list_alarms(
+            session, axis_id=axis_id, status=None, before_id=None, limit=1, by_measurements=True
+        )
         standing = newest and newest[0].status in alarms.OPEN
         span = Span(read_evidence(newest[0].evidence).onset if standing else None)
         points = page_of_points(session.connection(), row.number, PageOf(span, _LOOKED_AT, newest_first=True))

@@ -15,6 +15,7 @@ from service.errors import ConflictError, InvalidRequestError, UnknownResourceEr
 from service.operations.fields import Label, Moment, RequestModel, SetPreload
 from service.operations.monitoring.intake.admission import MOST_AHEAD
 from service.operations.monitoring.intake.epochs import begin_by_maintenance, go_on_from, take_back
+from service.operations.monitoring.lost_motion import chart_again
 from service.store import axes, intake
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -26,14 +27,10 @@ class Work(StrEnum):
     """What was done."""
 
     LUBRICATED = axes.LUBRICATED
-    NUT_REPLACED = "nut-replaced"
-    SCREW_REPLACED = "screw-replaced"
+    NUT_REPLACED = axes.NUT_REPLACED
+    SCREW_REPLACED = axes.SCREW_REPLACED
     MOUNTING = "mounting"
     OTHER = "other"
-
-
-#: With another nut or screw it is another axis that the charts watch.
-_BEGINS_ANEW = (Work.NUT_REPLACED, Work.SCREW_REPLACED)
 
 
 class MaintenanceIn(RequestModel):
@@ -96,6 +93,8 @@ def enter(database: Database, axis_id: str, entry: MaintenanceIn) -> tuple[Maint
         lubricated = _lubrications(axes.standing_entries(log)) ^ _lubrications(axes.standing_entries([*log, row]))
         if lubricated:
             go_on_from(connection, intake.read_axis(connection, axis_id), min(lubricated))
+        if lubricated or before != after:
+            chart_again(connection, axis_id)
         return row, True
 
 
@@ -105,7 +104,7 @@ def _said(row: MaintenanceRow) -> dict[str, object]:
 
 def _begins(rows: Iterable[MaintenanceRow]) -> set[datetime]:
     """Return when the charts begin anew."""
-    return {row.at for row in rows if row.kind in _BEGINS_ANEW}
+    return {row.at for row in rows if row.kind in axes.RENEWALS}
 
 
 def _lubrications(rows: Iterable[MaintenanceRow]) -> set[datetime]:

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel
 
+from monitor_core.trend import TrendStatus
 from service.documents.axis_sentence import AxisFacts, Cleared, OpenAlarm
 from service.documents.history import AlertView
+from service.documents.lost_motion import LostMotionStanding
 from service.documents.measurement import read_evidence
 from service.documents.together import TogetherView
 from service.operations.monitoring.alarms import AlarmView
@@ -27,9 +29,12 @@ def facts_of(
     alarms: Sequence[AlarmView],
     alert: AlertView | None,
     together: TogetherView | None = None,
+    *,
+    lost_motion: LostMotionStanding | None = None,
 ) -> AxisFacts:
     """Return what is known of an axis; its alarms come newest first."""
     row, last = status.row, status.last
+    alarms = [view for view in alarms if view.row.kind != status_of.LOST_MOTION]
     return AxisFacts(
         state=row.state,
         is_silent=status.state != row.state,
@@ -45,6 +50,9 @@ def facts_of(
         alert=alert,
         alarm=open_alarm(alarms) if row.state == "alarm" else None,
         changed_since=None if together is None or together.alarm is None else together.alarm.onset,
+        lost_motion_grows=(
+            lost_motion.sentence if lost_motion is not None and lost_motion.state == TrendStatus.ALARM else None
+        ),
         fall=last.fall(lambda: preload_share(status.configuration.drive_model)),
     )
 

@@ -355,11 +355,13 @@ def _response(fields: Fields) -> tuple[ResponseQuantity, MappedChannel, MappedCh
         raise RecordingFormatError(f"{motor.where}, lead_mm: expected the way of the table for a turn; got 0 mm")
     angle = _channel(motor, Quantity.ANGLE, metres_per_turn=metres(lead))
     metres_per_radian = metres(lead) / (2.0 * math.pi)
-
-    def travel(unit: str, where: str) -> float:
-        return metres_per_radian * angle.convert(unit, where=where)
-
+    travel = partial(_travel, metres_per_radian, angle.convert)  # no function of its own: maps go to other processes
     return quantity, response, replace(angle, factor=metres_per_radian * angle.factor, convert=travel)
+
+
+def _travel(metres_per_radian: float, convert: Callable[..., float], unit: str, where: str) -> float:
+    """Return the factor of an angle to the way that the table goes by it."""
+    return metres_per_radian * convert(unit, where=where)
 
 
 def _factor_of_turning(unit: str, quantity: Quantity, metres_per_turn: float, where: str) -> float:

@@ -151,7 +151,12 @@ def dump_design(design: DetectorDesign) -> JsonObject:
 
 def is_outdated(charts: ChartsRecord | AxisRow) -> bool:
     """Tell whether state or limits of the charts were written by an older version, and so cannot be gone on with."""
-    return _STATE.is_older(charts.monitor_state) or _DESIGN.is_older(charts.detector_design)
+    return is_outdated_state(charts.monitor_state) or _DESIGN.is_older(charts.detector_design)
+
+
+def is_outdated_state(document: Json) -> bool:
+    """Tell whether a state was written by an older version."""
+    return _STATE.is_older(document)
 
 
 def begun(epoch: EpochRecord, before: AxisState) -> AxisState:

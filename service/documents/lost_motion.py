@@ -1,0 +1,128 @@
+"""Say how the lost motion of an axis stands, and on what its alarms rest."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from monitor_core.trend import DetectorState, Evidence, latest_difference
+from service.clock import text_of
+from service.documents.measurement import AlarmEvidence, chart_in_english, finite_or_null
+from service.documents.said import N_, Said, Value
+from service.json_types import JsonObject
+from service.store.trend.lost_motion import LostMotionReading
+
+_CHECK_NEXT = "measure again, slowly and at the same place; check nut, screw, bearings and their mounting for play"
+
+
+def lost_motion_evidence(reading: LostMotionReading, state: DetectorState) -> JsonObject:
+    """Lay out why an alarm of lost motion was raised: how much it is, the chart, and since when."""
+    alarm, baseline, session = state.alarm, state.baseline, state.session
+    if alarm is None or session is None:
+        raise AssertionError("an alarm has evidence, and a session that raised it")
+    rise, reach = alarm.change.value, alarm.change.expanded_uncertainty
+    difference = latest_difference(state)
+    now = f"is {session.value:.3g} µm on {reading.at:%Y-%m-%d}"
+    if baseline is None or difference is None:
+        words = (
+            f"since {alarm.onset:%Y-%m-%d} lost motion has grown while its baseline was learnt, by "
+            f"{rise:.2g} µm, and {now}; the logarithm of the evidence is {alarm.value:.1f}, its limit "
+            f"{alarm.limit:.1f}"
+        )
+    else:
+        words = (
+            f"since {alarm.onset:%Y-%m-%d} lost motion has grown and {now}, {difference:.2g} µm above the baseline's "
+            f"{baseline.mean:.3g} µm: {chart_in_english(alarm, 'growth')}"
+        )
+    document: JsonObject = finite_or_null({
+        "at": text_of(reading.at),
+        "measurement": reading.name,
+        # what alarms of the preload have
+        **dict.fromkeys(("preload_n", "baseline_preload_n", "preload_loss_n")),
+        "interval": [None, None],
+        "interval_kind": "95 % coverage",
+        "lost_motion_um": session.value,
+        "lost_motion_interval_95_um": [reading.interval_lower_um, reading.interval_upper_um],
+        "lost_motion_baseline_um": None if baseline is None else baseline.mean,
+        "lost_motion_rise_um": difference,
+        "mean_rise_since_onset_um": rise,
+        "mean_rise_interval_95_um": [rise - reach, rise + reach],
+        "chart": str(alarm.chart),
+        "chart_value": alarm.value,
+        "chart_limit": alarm.limit,
+        "onset": text_of(alarm.onset),
+        "sentence": words,
+        "check_next": _CHECK_NEXT,
+    })  # fmt: skip
+    return document
+
+
+@dataclass(frozen=True, slots=True)
+class LostMotionStanding:
+    """How the lost motion of an axis stands at a moment. *Not looked at* is ``unknown``."""
+
+    state: str
+    since: datetime | None
+    newest: LostMotionReading | None
+    baseline_um: float | None
+    baseline_interval_95_um: tuple[float, float] | None  # of one more healthy session
+    n_sessions: int  # that the baseline is learnt from so far
+    baseline_size: int  # sessions that it takes
+    false_alarms_per_year: float  # as stated, beside those of the preload
+    place_mm: float | None  # where it is watched
+    alarm: Evidence | None = None
+    alert: Evidence | None = None
+
+    @property
+    def sentence(self) -> Said:
+        """How it stands, in words."""
+        newest = self.newest
+        if newest is None:
+            return Said("Lost motion was not measured: nothing is known of it.")
+        values: dict[str, Value] = {"value": newest.reversal_value_um, "day": newest.at}
+        if self.baseline_um is not None:
+            values["baseline"] = self.baseline_um
+        if self.alarm is not None and self.state == "alarm":
+            text = N_(
+                "Lost motion grows while its baseline is being learnt, since %(day)s: it is %(value)s µm now. Nothing "
+                "of that is learnt as healthy."
+            )
+            if self.baseline_um is not None:
+                text = N_(
+                    "Lost motion has grown since %(day)s: it is %(value)s µm now, the baseline is %(baseline)s µm."
+                )
+            return Said(text, values | {"day": self.alarm.onset})
+        if self.state == "unknown":
+            text = N_("Nothing is known of lost motion now: it was last measured on %(day)s, %(value)s µm.")
+            return Said(text, values)
+        if self.state == "learning":
+            text = N_(
+                "Lost motion is %(value)s µm. Its baseline is being learnt, %(n)s of %(size)s sessions; until then "
+                "only one that grows all the while raises an alarm."
+            )
+            return Said(text, values | {"n": self.n_sessions, "size": self.baseline_size})
+        if self.state == "alert" and self.alert is not None:
+            text = N_("Since %(day)s lost motion is %(change)s µm below its baseline on average. That is no play.")
+            if self.alert.change.value > 0.0:
+                text = N_(
+                    "Since %(day)s lost motion is %(change)s µm above its baseline on average, not enough for an alarm."
+                )
+            return Said(text, {"day": self.alert.onset, "change": abs(self.alert.change.value)})
+        text = N_("Lost motion is as it was learnt: %(value)s µm, the baseline is %(baseline)s µm.")
+        return Said(text, values)
+
+
+def lost_motion_alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:
+    """Return what happened when an alarm of lost motion was raised."""
+    values: dict[str, Value] = {
+        "axis": axis, "day": evidence.at, "onset": evidence.onset, "value": evidence.lost_motion_um or 0.0
+    }  # fmt: skip
+    if evidence.lost_motion_baseline_um is None:
+        text = N_(
+            "On %(day)s %(axis)s lost %(value)s µm of motion at reversals; it has grown since %(onset)s, while its "
+            "baseline was being learnt."
+        )
+        return Said(text, values)
+    text = N_(
+        "On %(day)s %(axis)s lost %(value)s µm of motion at reversals, its baseline is %(baseline)s µm; it has grown "
+        "since about %(onset)s."
+    )
+    return Said(text, values | {"baseline": evidence.lost_motion_baseline_um})

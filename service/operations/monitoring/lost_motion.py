@@ -1,0 +1,354 @@
+"""Take what was measured of the lost motion of axes, and carry its own chart over it.
+
+It is the same chart that watches the preload, over micrometres that rise as things get worse. Readings are few: what
+arrives late folds the chart again from the first one, so that any order of arrival gives one history.
+"""
+
+from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from itertools import zip_longest
+from typing import Annotated, Final
+
+from pydantic import ConfigDict, Field, model_validator
+from sqlalchemy import Connection
+from sqlalchemy.orm import Session
+
+from monitor_core.pipeline import AxisState
+from monitor_core.trend import DetectorState, Observation, reset, state_at, step
+from service.clock import now, text_of
+from service.documents.change import lost_motion_unexamined
+from service.documents.lost_motion import LostMotionStanding, lost_motion_evidence
+from service.errors import ConflictError, InvalidRequestError
+from service.json_types import JsonObject
+from service.operations.fields import Label, Moment, Number, Position, RequestModel, Temperature
+from service.operations.monitoring.alarm_changes import add_alarm, change_alarm, raise_again
+from service.operations.monitoring.axis_configuration import load_configuration
+from service.operations.monitoring.intake.admission import MOST_AHEAD
+from service.operations.monitoring.intake.chart_state import dump_state, is_outdated_state, load_design, load_state
+from service.store import alarms, intake
+from service.store.axes import get_axis, list_axes, lubrications_of, renewals_of
+from service.store.database import Database
+from service.store.intake import AxisRecord
+from service.store.tables import AlarmRow, AxisRow
+from service.store.trend.lost_motion import (
+    LostMotionChart,
+    LostMotionReading,
+    all_charts,
+    moments_in_order,
+    newest_reading,
+    read_chart,
+    readings_at,
+    readings_of,
+    save_chart,
+    save_readings,
+)
+from service.store.trend.points import Span
+
+#: Readings of one request.
+MOST_AT_ONCE: Final = 1000
+#: A reversal value depends on the place: what was measured further from that of the first is not compared with it [mm].
+SAME_PLACE_MM: Final = 5.0
+#: Lost motion is measured now and then: after a longer silence nothing is known of it, nor sooner than of the preload.
+SILENT_AFTER: Final = timedelta(days=31)
+#: Why a reading moves no chart.
+OTHER_PLACE: Final = "other-place"
+_NEXT: Final = timedelta(microseconds=1)
+#: What changes alarms that were raised already.
+_LATE, _WORKED = "a reading that arrived late", "what was done to the axis"
+
+Micrometres = Annotated[Number, Field(ge=-1e6, le=1e6)]
+Ends = tuple[Micrometres, Micrometres]
+
+
+class LostMotionIn(RequestModel):
+    """Lost motion at the reversals of one log, as `preload lost-motion --json` gives it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "at": "2026-03-02T06:00:00Z", "measurement": "slow", "position_mm": 563.8,
+                    "reversal_value_um": 7.54, "reversal_value_standard_uncertainty_um": 0.02,
+                    "reversal_value_interval_95_um": [7.49, 7.59], "play_interval_95_um": [4.6, 5.4], "n_reversals": 9,
+                }
+            ]
+        },
+    )  # fmt: skip
+
+    at: Annotated[Moment, Field(description="when the log began; with the axis it tells one reading from another")]
+    measurement: Label
+    position_mm: Position
+    reversal_value_um: Annotated[Micrometres, Field(description="mean over both senses, ISO 230-2")]
+    reversal_value_standard_uncertainty_um: Annotated[Number, Field(ge=0, le=1e6, description="of repeatability")]
+    reversal_value_interval_95_um: Ends
+    play_interval_95_um: Annotated[Ends | None, Field(description="of that part of it that is play")] = None
+    n_reversals: Annotated[int, Field(ge=4, le=1_000_000)]
+    temperature_c: Temperature | None = None
+
+    @model_validator(mode="after")
+    def _require_order(self) -> "LostMotionIn":
+        lower, upper = self.reversal_value_interval_95_um
+        if not lower <= self.reversal_value_um <= upper:
+            raise ValueError(
+                f"reversal_value_interval_95_um: expected an interval around {self.reversal_value_um:g} µm; got "
+                f"{lower:g} to {upper:g} µm"
+            )
+        if self.play_interval_95_um is not None and self.play_interval_95_um[0] > self.play_interval_95_um[1]:
+            low, high = self.play_interval_95_um
+            raise ValueError(f"play_interval_95_um: expected the lower end first; got {low:g} to {high:g} µm")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """How many readings were new, and how many there already."""
+
+    accepted: int
+    already_there: int
+
+
+class LostMotion:
+    """Takes readings of lost motion, and says how it stands."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def take(self, axis_id: str, sent: Sequence[LostMotionIn]) -> Taken:
+        """Store readings and judge them by the chart of the axis; whatever is raised, nothing of them is stored.
+
+        The same reading sent once more is the one that is there. Raises InvalidRequestError for one of the future;
+        ConflictError where another one is stored (or sent) of the same moment, or the axis is archived.
+        """
+        received_at = now()
+        with self._database.write(axis_id) as session:
+            connection = session.connection()
+            axis = intake.read_axis(connection, axis_id)
+            if axis.archived_at is not None:
+                raise ConflictError(
+                    f"axis '{axis_id}' is archived since {text_of(axis.archived_at)}; take it back first"
+                )
+            new = dict[datetime, LostMotionReading]()
+            for each in sent:
+                if each.at > received_at + MOST_AHEAD:
+                    raise InvalidRequestError(
+                        f"lost motion was measured until now ({text_of(received_at)}); got {text_of(each.at)}"
+                    )
+                _put(new, _reading(axis.number, each), axis_id)
+            for stored in readings_at(connection, axis.number, new.keys()):
+                _require_same(stored, new.pop(stored.at), axis_id)
+            if new:
+                _chart(connection, axis, sorted(new.values(), key=_in_time))
+        return Taken(len(new), len(sent) - len(new))
+
+    def page(self, axis_id: str, span: Span, *, after: datetime | None, limit: int) -> list[LostMotionReading]:
+        """Return readings in time order."""
+        with self._database.read() as session:
+            number = get_axis(session, axis_id).number
+            return readings_of(session.connection(), number, span, after=after, limit=limit)
+
+    def readings(self, axis_id: str) -> list[LostMotionReading]:
+        """Return all readings in time order."""
+        with self._database.read() as session:
+            return readings_of(session.connection(), get_axis(session, axis_id).number, Span())
+
+    def standing(self, axis_id: str) -> LostMotionStanding:
+        """Return how the lost motion of an axis stands now."""
+        with self._database.read() as session:
+            row, connection = get_axis(session, axis_id), session.connection()
+            chart, newest = read_chart(connection, row.number), newest_reading(connection, row.number)
+            beginnings = _Beginnings.of(connection, row)
+        settings = load_design(row.detector_design).settings
+        silent_after = timedelta(hours=load_configuration(row.configuration).silent_after_hours)
+        detector = DetectorState()
+        if chart is not None and newest is not None:
+            detector, _ = beginnings.begun(load_state(chart.state).detector, newest.at, None)
+        state, baseline = state_at(detector, now(), max(silent_after, SILENT_AFTER)), detector.baseline
+        interval = None if baseline is None else baseline.prediction_interval()
+        return LostMotionStanding(
+            state=str(state),
+            since=detector.since if state is detector.status else detector.last_at,
+            newest=newest,
+            baseline_um=None if baseline is None else baseline.mean,
+            baseline_interval_95_um=None if interval is None else (interval.lower, interval.upper),
+            n_sessions=len(detector.learning) + (detector.session is not None) if baseline is None else baseline.size,
+            baseline_size=settings.baseline_size,
+            false_alarms_per_year=settings.false_alarms_per_year,
+            place_mm=None if chart is None else chart.place_mm,
+            alarm=detector.alarm,
+            alert=detector.alert,
+        )
+
+
+def learn_anew(connection: Connection, axis_id: str, epoch: int) -> None:
+    """Learn the level anew: somebody cleared an alarm of this epoch; one of an older one began a new level already."""
+    axis = intake.read_axis(connection, axis_id)
+    newest = newest_reading(connection, axis.number)
+    if newest is None or epoch != bisect_right(_Beginnings.of(connection, axis).moments, newest.at):
+        return
+    save_readings(connection, axis.number, [replace(newest, found_in_order=True)])
+    _chart(connection, axis, None)
+
+
+def chart_again(connection: Connection, axis_id: str) -> None:
+    """Fold the chart again, because the log says something else of the axis now."""
+    axis = intake.read_axis(connection, axis_id)
+    if read_chart(connection, axis.number) is not None:
+        _chart(connection, axis, None)
+
+
+def renew_lost_motion(database: Database) -> None:
+    """Fold charts anew that an older version of the program folded; alarms stand as they did: nothing was measured."""
+    with database.read() as session:
+        outdated = [chart.axis_number for chart in all_charts(session.connection()) if is_outdated_state(chart.state)]
+        names = [axis.id for axis in list_axes(session) if axis.number in outdated]
+    for axis_id in names:
+        with database.write(axis_id) as session:
+            _chart(session.connection(), intake.read_axis(session.connection(), axis_id), None, settles=False)
+
+
+def _put(new: dict[datetime, LostMotionReading], reading: LostMotionReading, axis_id: str) -> None:
+    if reading.at in new:
+        _require_same(new[reading.at], reading, axis_id)
+    new[reading.at] = reading
+
+
+def _require_same(stored: LostMotionReading, sent: LostMotionReading, axis_id: str) -> None:
+    """Raise ConflictError if two readings of one moment differ in what was sent."""
+    sent = replace(sent, uncharted=stored.uncharted, state=stored.state, found_in_order=stored.found_in_order)
+    if stored != sent:
+        raise ConflictError(f"another lost motion of axis '{axis_id}' at {text_of(sent.at)} is there already")
+
+
+def _reading(axis_number: int, sent: LostMotionIn) -> LostMotionReading:
+    (lower, upper), play = sent.reversal_value_interval_95_um, sent.play_interval_95_um
+    return LostMotionReading(
+        axis_number=axis_number,
+        at=sent.at,
+        name=sent.measurement,
+        position_mm=sent.position_mm,
+        reversal_value_um=sent.reversal_value_um,
+        standard_uncertainty_um=sent.reversal_value_standard_uncertainty_um,
+        interval_lower_um=lower,
+        interval_upper_um=upper,
+        play_lower_um=None if play is None else play[0],
+        play_upper_um=None if play is None else play[1],
+        n_reversals=sent.n_reversals,
+        temperature_c=sent.temperature_c,
+    )
+
+
+def _in_time(reading: LostMotionReading) -> datetime:
+    return reading.at
+
+
+# --- the chart
+
+
+@dataclass(frozen=True, slots=True)
+class _Beginnings:
+    """Where the chart begins anew: with another nut or screw, or after a reading that somebody found in order."""
+
+    renewals: frozenset[datetime]
+    moments: tuple[datetime, ...]  # of both, in order of time
+    lubricated: tuple[datetime, ...]
+
+    @classmethod
+    def of(cls, connection: Connection, axis: AxisRecord | AxisRow) -> "_Beginnings":
+        renewals = frozenset(renewals_of(connection, axis.id))
+        inspected = {at + _NEXT for at in moments_in_order(connection, axis.number)}
+        return cls(renewals, tuple(sorted(renewals | inspected)), tuple(lubrications_of(connection, axis.id)))
+
+    def begun(self, state: DetectorState, after: datetime, until: datetime | None) -> tuple[DetectorState, bool]:
+        """Return the chart as it begins after a reading, until the next one, and whether it watches another axis."""
+        end = len(self.moments) if until is None else bisect_right(self.moments, until)
+        passed = self.moments[bisect_right(self.moments, after) : end]
+        if not passed:
+            return state, False
+        if self.renewals.intersection(passed):
+            return DetectorState(last_at=state.last_at), True
+        return reset(state), False
+
+
+@dataclass(frozen=True, slots=True)
+class _Raised:
+    reading: LostMotionReading
+    evidence: JsonObject
+    epoch: int
+
+
+def _chart(
+    connection: Connection, axis: AxisRecord, new: Sequence[LostMotionReading] | None, *, settles: bool = True
+) -> None:
+    """Carry the chart on over new readings in time order, or over all again, and settle what it raises."""
+    beginnings, because_of = _Beginnings.of(connection, axis), _WORKED if new is None else _LATE
+    design = load_design(intake.read_charts(connection, axis).detector_design)
+    chart, newest = read_chart(connection, axis.number), newest_reading(connection, axis.number)
+    again = new is None or chart is None or newest is None or is_outdated_state(chart.state) or new[0].at <= newest.at
+    save_readings(connection, axis.number, new or ())
+    if again or chart is None or new is None:
+        state, place, before, new = DetectorState(), None, None, readings_of(connection, axis.number, Span())
+    else:
+        state, place, before = load_state(chart.state).detector, chart.place_mm, newest
+    judged, raised = list[LostMotionReading](), list[_Raised]()
+    for reading in new:
+        if before is not None:
+            state, is_another = beginnings.begun(state, before.at, reading.at)
+            place = None if is_another else place
+        was, charted = state, place is None or abs(reading.position_mm - place) <= SAME_PLACE_MM
+        if charted:
+            place = reading.position_mm if place is None else place
+            lubricated = before is not None and _any_between(beginnings.lubricated, before.at, reading.at)
+            state = step(state, _observation(reading, lubricated=lubricated), design)
+        before = replace(reading, state=str(state.status), uncharted=None if charted else OTHER_PLACE)
+        judged.append(before)
+        if state.alarm is not None and was.alarm is None:
+            epoch = bisect_right(beginnings.moments, reading.at)
+            raised.append(_Raised(before, lost_motion_evidence(before, state), epoch))
+    save_readings(connection, axis.number, judged)
+    save_chart(connection, LostMotionChart(axis.number, dump_state(AxisState(detector=state)), place))
+    if settles and (raised or again):
+        _settle(connection, axis, raised, beginnings, again=again, because_of=because_of)
+
+
+def _any_between(moments: Sequence[datetime], after: datetime, until: datetime) -> bool:
+    return bisect_right(moments, until) > bisect_right(moments, after)
+
+
+def _observation(reading: LostMotionReading, *, lubricated: bool) -> Observation:
+    return Observation(
+        reading.at, reading.reversal_value_um, reading.standard_uncertainty_um,
+        temperature=reading.temperature_c, lubricated=lubricated,
+    )  # fmt: skip
+
+
+def _settle(
+    connection: Connection, axis: AxisRecord, raised: Sequence[_Raised], beginnings: _Beginnings, *,
+    again: bool, because_of: str,
+) -> None:  # fmt: skip
+    """Store the alarms that the chart raises; of a chart that was folded again they are the same ones in order."""
+    with Session(connection) as session:
+        stood, now_raised = defaultdict[int, list[AlarmRow]](list), defaultdict[int, list[_Raised]](list)
+        for row in alarms.of_lost_motion(session, axis.id) if again else ():
+            stood[bisect_right(beginnings.moments, row.measured_at)].append(row)
+        for alarm in raised:
+            now_raised[alarm.epoch].append(alarm)
+        for epoch in sorted({*stood, *now_raised}):
+            for row, alarm in zip_longest(stood[epoch], now_raised[epoch]):
+                if row is None:
+                    add_alarm(session, _row(axis, alarm), "raised by lost motion")
+                elif alarm is None:
+                    change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the chart raises none")
+                else:
+                    row.epoch = epoch
+                    raise_again(session, row, (None, alarm.reading.at), alarm.evidence, because_of)
+        session.commit()  # hands it to the connection
+
+
+def _row(axis: AxisRecord, alarm: _Raised) -> AlarmRow:
+    return AlarmRow(
+        axis_id=axis.id, measurement_id=None, kind=alarms.LOST_MOTION, epoch=alarm.epoch,
+        measured_at=alarm.reading.at, evidence=alarm.evidence, explanation=lost_motion_unexamined(),
+    )  # fmt: skip
