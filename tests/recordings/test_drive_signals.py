@@ -24,6 +24,7 @@ from monitor_core.recordings.raw.mapping.imported import import_session
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.raw.proposal.sampling import period_of
 from monitor_core.session import judge_session
+from service.documents.map_form import filled_map, map_fields
 from tests.conftest import PROJECT_ROOT
 
 RATE, LEAD, KT = 2000.0, 0.012, 0.35  # [Hz], [m], [N·m/A]
@@ -262,6 +263,24 @@ def test_what_a_drive_logs_is_proposed_by_names_and_units(log):
     lacks = {"current": "the torque constant is not stated", "acceleration": "no torque and no force is known"}
     if response[1] and excitation[1] in lacks:
         assert f"no modal mass and no friction torque, because {lacks[excitation[1]]}" in text
+
+
+def test_a_motor_beside_the_scale_is_a_table_of_the_form_that_may_be_left_out_or_filled_in():
+    """Left out the map is that of the scale; filled in it says the relative displacement."""
+    signals = (("iq [A]", CURRENT), ("scale [um]", TABLE), ("theta_m [rad]", ANGLE))
+    proposal = proposed_map(Channels("log.csv", tuple(Channel(name, values) for name, values in signals)))
+    assert "motor" not in tomllib.loads(proposal.toml())["response"]
+    tables = map_fields(proposal)
+    (of_motor,) = [table for table in tables if table.name == "response.motor"]
+    examples = {field.key: field.example for field in of_motor.fields}
+    assert examples["response.motor.channel"] == "theta_m [rad]"
+    assert not any(field.required or field.value for field in of_motor.fields)
+    values = {field.key: field.value for table in tables for field in table.fields}
+    assert "motor" not in tomllib.loads(filled_map(tables, values))["response"]
+    filled = values | examples | {"response.motor.lead_mm": "12", "response.quantity": "relative-displacement"}
+    response = tomllib.loads(filled_map(tables, filled))["response"]
+    assert response["motor"] == {"channel": "theta_m [rad]", "unit": "rad", "lead_mm": 12}
+    assert response["quantity"] == "relative-displacement"
 
 
 @settings(max_examples=100, deadline=None)

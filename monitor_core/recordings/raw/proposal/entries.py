@@ -55,6 +55,7 @@ class MapTable:
     lines: tuple[MapEntry | str, ...]  # a text is a comment
     remark: str = ""
     above: str = ""  # a comment above its name
+    optional: bool = False  # all of it is an example: its name, too, is printed as a comment
 
     @property
     def entries(self) -> tuple[MapEntry, ...]:
@@ -97,7 +98,8 @@ class MapProposal:
             if table.above:
                 lines.append(f"# {table.above}")
             if table.name:
-                lines.append(f"{f'[{table.name}]':<38} # {table.remark}" if table.remark else f"[{table.name}]")
+                name = f"{'# ' if table.optional else ''}[{table.name}]"
+                lines.append(f"{name:<38} # {table.remark}" if table.remark else name)
             lines += [f"# {line}" if isinstance(line, str) else _printed_entry(line) for line in table.lines]
         return "\n".join(lines) + "\n"
 

@@ -119,6 +119,9 @@ def _session_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Ch
     yield MapTable("excitation", tuple(_excitation_lines(signals, parts)))
     what = "the acceleration of nut or table" if signals.answers is ResponseQuantity.ACCELERATION else ""
     yield MapTable("response", tuple(_response_lines(signals, parts)), what, plain(what_they_show(signals)))
+    if signals.motor is not None:
+        remark = 'with quantity = "relative-displacement" above: what the drive itself yields'
+        yield MapTable("response.motor", tuple(_motor_lines(signals.motor)), remark, optional=True)
     if position is not None:
         travel = tuple(channel_entries(position, Quantity.POSITION, parts))
         yield MapTable("position", travel, "measured travel; without it, position_mm in [window]")
@@ -160,11 +163,12 @@ def _response_lines(signals: Signals, parts: Sequence[Part]) -> Iterator[MapEntr
         yield from others
     if signals.answers is ResponseQuantity.DISPLACEMENT and signals.excited is ExcitationQuantity.TORQUE:
         yield "for preload explain (family motion) a table [motion] with position and torque, in place of these two"
-    if signals.motor is not None:
-        yield (
-            f'or quantity = "relative-displacement" with a table [response.motor], its channel = '
-            f"{printed(signals.motor.channel.name)}, unit and lead_mm: what the drive itself yields"
-        )
+
+
+def _motor_lines(motor: Part) -> Iterator[MapEntry]:
+    yield MapEntry("channel", motor.channel.name, "angle of the motor", Mark.OPTIONAL)
+    yield MapEntry("unit", motor.unit or "rad", "rad, deg or rev", Mark.OPTIONAL)
+    yield number("lead_mm", "10", "way of the table for a turn of the motor", Mark.OPTIONAL)
 
 
 def _parted(entries: Iterator[MapEntry]) -> tuple[list[MapEntry], list[MapEntry]]:
