@@ -118,8 +118,8 @@ def test_a_session_joins_its_own_calibration(preload: Any, session: Path, tmp_pa
     again = preload("calibrate", session, "--band-hz", 140, 230, "--prior", first, "--json").json()
     assert again["prior"] == "first.json"
     assert again["coefficients"] == pytest.approx(once["coefficients"], rel=1e-6, abs=0.0)
-    # The same readings twice leave the same residuals twice, but fit the four coefficients once: the joined ones have up
-    # to four degrees of freedom more than twice those of the first. Half the variance is of as many; more make it less.
+    # The same readings twice leave the same residuals twice, but fit the four coefficients once: the joined ones have
+    # up to four degrees of freedom more than twice those of the first. With more, the variance is less than half.
     first_dof, dof = once["degrees_of_freedom"], again["degrees_of_freedom"]
     assert 2.0 * first_dof < dof < 2.0 * first_dof + 4.0
     ratio = (np.diag(again["covariance"]) / np.diag(once["covariance"]))[:4]  # behind them: payload and temperature
