@@ -15,8 +15,15 @@ from monitor_core.pipeline import (
     judge_measurement,
     search_band,
 )
-from monitor_core.preload import Calibration, CoefficientPrior, PreloadEstimate, Weighting
-from monitor_core.preload.doubts import of_whole_session, places_disagree
+from monitor_core.preload import (
+    Calibration,
+    CoefficientPrior,
+    PreloadEstimate,
+    SessionPreload,
+    Weighting,
+    session_preload,
+)
+from monitor_core.preload.doubts import Places, of_whole_session, places_disagree
 from monitor_core.preload.estimate import place_reading
 from monitor_core.recording import SESSION_GAP, Conditions, Rejection, RejectionReason, Window
 
@@ -121,6 +128,11 @@ def with_session_doubts(
     """
     if calibration is None:
         return list(judged)
+    return [doubted for session in sessions_of(judged) for doubted in _doubted(session, calibration)]
+
+
+def sessions_of(judged: Sequence[SessionMeasurement]) -> list[list[SessionMeasurement]]:
+    """Return the measurements, in the order of their time, session by session: no :data:`SESSION_GAP` within one."""
     together: list[list[SessionMeasurement]] = []
     last: datetime | None = None
     for measurement in judged:
@@ -130,7 +142,22 @@ def with_session_doubts(
             together.append([])
         together[-1].append(measurement)
         last = started_at or last
-    return [doubted for session in together for doubted in _doubted(session, calibration)]
+    return together
+
+
+def preload_of_session(session: Sequence[SessionMeasurement], calibration: Calibration) -> SessionPreload | None:
+    """Join the preloads of the measurements of one session (:func:`~monitor_core.preload.session_preload`).
+
+    ``None`` where there are fewer than two, where somebody set preloads, or where they contradict each other: a mean of
+    what is not one preload is nobody's.
+    """
+    measured = [(m.outcome.preload, m.conditions) for m in session if isinstance(m.outcome.preload, PreloadEstimate)]
+    places = Places()
+    for estimate, conditions in measured:
+        places = places.with_reading(place_reading(conditions, estimate, calibration))
+    if not places.agrees or any(conditions.preload is not None for _, conditions in measured):
+        return None
+    return session_preload([e for e, _ in measured], [stated.position for _, stated in measured], calibration)
 
 
 def _doubted(session: Sequence[SessionMeasurement], calibration: Calibration) -> list[SessionMeasurement]:

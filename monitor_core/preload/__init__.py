@@ -23,12 +23,15 @@ from monitor_core.preload.calibration import (
 from monitor_core.preload.doubts import PlaceReading as PlaceReading, Places as Places
 from monitor_core.preload.drag_torque import DragTorque as DragTorque, Friction as Friction
 from monitor_core.preload.estimate import (
+    IfStated as IfStated,
     PreloadEstimate as PreloadEstimate,
     PreloadLadder as PreloadLadder,
+    SessionPreload as SessionPreload,
     estimate_preload as estimate_preload,
     friction_amplification as friction_amplification,
     place_reading as place_reading,
     preload_ladder as preload_ladder,
+    session_preload as session_preload,
 )
 from monitor_core.preload.feature import (
     InfluenceCoefficients as InfluenceCoefficients,

@@ -4,14 +4,14 @@ All functions raise ``OutsideValidityError`` if a payload is below the reference
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
 import scipy
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.preload.calibration import (
     COEFFICIENT_NAMES,
     INVERSE_MOVING_MASS,
@@ -273,6 +273,7 @@ class UncertaintyBudget:
 
     frequency: float
     reproducibility: float
+    slope: float  # of the feature in the frequency, without sign [s²/Hz]
     parameters: dict[str, float]  # of each calibration parameter, with half of its covariances
     gradient: FloatArray  # of the feature to the calibration parameters (k3 is none of them), see parameter_gradients
     influences: OfInfluences[Influence]
@@ -375,29 +376,116 @@ def uncertainty_budget(
     sensitivity = correction_sensitivities(f**-2.0, payload, temperature, calibration.influence)
     slope = amplification * 2.0 / f**3 * float(sensitivity.inverse_square)
     gradient = amplification * parameter_gradients(feature, [conditions], calibration)[0]
-    with_k3 = gradient.copy()
-    with_k3[calibration.parameter_names.index("k3")] = -feature / calibration.coefficients.k3
-    allocation = with_k3 * (calibration.parameters.covariance @ with_k3)
-    parameters = dict(zip(calibration.parameter_names, allocation.tolist(), strict=True))
+    parameters = _of_parameters(gradient, feature, calibration)
     own = (slope * frequency.standard_uncertainty) ** 2
     between = (slope * calibration.reproducibility) ** 2
     if not calibration.uncertainty_stated:
         between = max(0.0, between - own)  # the scatter of the calibration holds the readings' own already
-    # the scatter between measurements is residual variance minus stated variance: it is no better known than the
-    # residual variance as a whole, however much of it the stated uncertainties explain
-    of_residuals = (slope * calibration.residual_sd) ** 2 + sum(
-        v for name, v in parameters.items() if name not in (*calibration.declared, INVERSE_MOVING_MASS)
-    )
-    of_moving_mass = 0.0 if INVERSE_MOVING_MASS in calibration.declared else parameters.get(INVERSE_MOVING_MASS, 0.0)
     known = (
         (own, frequency.degrees_of_freedom),
-        (of_residuals, calibration.parameters.degrees_of_freedom),
-        (of_moving_mass, calibration.moving_mass_dof),
+        *_known_by_calibration((slope * calibration.residual_sd) ** 2, parameters, calibration),
     )
     influences = influences_of(
         f**-2.0, conditions, calibration, friction=friction, mass=mass, amplification=amplification
     )
-    return UncertaintyBudget(own, between, parameters, gradient, influences, known)
+    return UncertaintyBudget(own, between, slope, parameters, gradient, influences, known)
+
+
+def _of_parameters(gradient: FloatArray, feature: float, calibration: Calibration) -> dict[str, float]:
+    """Return the variance of g − θ·k3 by each parameter of the calibration, with half of its covariances [s⁴]."""
+    with_k3 = gradient.copy()
+    with_k3[calibration.parameter_names.index("k3")] = -feature / calibration.coefficients.k3
+    allocation = with_k3 * (calibration.parameters.covariance @ with_k3)
+    return dict(zip(calibration.parameter_names, allocation.tolist(), strict=True))
+
+
+def _known_by_calibration(
+    of_scatter: float, parameters: dict[str, float], calibration: Calibration
+) -> tuple[tuple[float, float], ...]:
+    """Return the variances that the residuals of a calibration know, with their degrees of freedom."""
+    # the scatter between measurements is residual variance minus stated variance: it is no better known than the
+    # residual variance as a whole, however much of it the stated uncertainties explain
+    of_residuals = of_scatter + sum(
+        v for name, v in parameters.items() if name not in (*calibration.declared, INVERSE_MOVING_MASS)
+    )
+    of_moving_mass = 0.0 if INVERSE_MOVING_MASS in calibration.declared else parameters.get(INVERSE_MOVING_MASS, 0.0)
+    return (of_residuals, calibration.parameters.degrees_of_freedom), (of_moving_mass, calibration.moving_mass_dof)
+
+
+def joint_weights(own: FloatArray, scatter: FloatArray, is_one_place: BoolArray) -> FloatArray:
+    r"""Return the weights of the measurements of a session, each by its own information, shape (n_measurements,).
+
+    .. math:: w = \frac{C^{-1} 1}{1^T C^{-1} 1}, \qquad C_{ij} = u_i^2\,\delta_{ij} + s^2\,[i, j\text{ of one place}]
+
+    the best linear estimate with that covariance (Aitken, Proc. R. Soc. Edinburgh 55 (1936) 42-48). ``own`` is what is
+    new in each measurement, ``scatter`` what the calibration leaves of a reading [s²]; ``is_one_place`` is symmetric.
+    What all measurements have in common has no part in the weights: it hardly differs from place to place, and a best
+    estimate that took the little difference at its word would weigh some of them negatively.
+    """
+    covariance = np.diag(own**2) + np.mean(scatter**2) * is_one_place
+    information = np.linalg.solve(covariance, np.ones(own.size)).astype(np.float64)
+    weights: FloatArray = information / information.sum()
+    return weights
+
+
+def joint_budget(
+    feature: float,
+    budgets: Sequence[UncertaintyBudget],
+    *,
+    weights: FloatArray,
+    own_shares: FloatArray,
+    is_one_place: BoolArray,
+    calibration: Calibration,
+) -> UncertaintyBudget:
+    """Return the budget of the weighted mean of the features of a session, which measure one preload.
+
+    Independent is what is new in each frequency, a share of its standard uncertainty each, and the scatter between
+    places: at one place the readings of a calibration are off its law alike. Coefficients go in as they are, so that
+    what they tilt between places cancels. Everything else (temperature, payload, mounting, friction, errors of the
+    fitted model) is taken for the same at all places and of one sign, and averages out nowhere.
+    """
+    frequencies = weights * np.sqrt([budget.frequency for budget in budgets])
+    independent, alike = (frequencies * own_shares) ** 2, float(frequencies @ np.sqrt(1.0 - own_shares**2)) ** 2
+    scatter = weights * np.sqrt([budget.reproducibility for budget in budgets])
+    slopes = weights * [budget.slope for budget in budgets]
+    of_residuals = float(slopes @ is_one_place @ slopes) * calibration.residual_sd**2
+    gradient: FloatArray = weights @ np.array([budget.gradient for budget in budgets])
+    parameters = _of_parameters(gradient, feature, calibration)
+    of_own = [(float(v), budget.known[0][1]) for v, budget in zip(independent, budgets, strict=True)]
+    return UncertaintyBudget(
+        frequency=float(independent.sum()) + alike,
+        reproducibility=float(scatter @ is_one_place @ scatter),
+        slope=float(slopes.sum()),
+        parameters=parameters,
+        gradient=gradient,
+        influences=OfInfluences(
+            **{
+                name: _in_common([budget.influences.by_name[name] for budget in budgets], weights)
+                for name in OfInfluences.__slots__
+            }
+        ),
+        known=(
+            *of_own,
+            (alike, min(dof for _, dof in of_own)),
+            *_known_by_calibration(of_residuals, parameters, calibration),
+        ),
+    )
+
+
+def _in_common(influences: Sequence[Influence], weights: FloatArray) -> Influence:
+    """Return an influence on a weighted mean, its quantity being off by as much, and as one, in all measurements."""
+    sensitivities = weights * [abs(influence.sensitivity) for influence in influences]
+
+    def mean(quantity: Callable[[Influence], float]) -> float:
+        return float(sensitivities @ [quantity(influence) for influence in influences])
+
+    is_unstated = any(influence.were_it_stated is not None for influence in influences)
+    return Influence(
+        1.0,
+        mean(lambda of: of.uncertainty),
+        mean(lambda of: of.uncertainty if of.were_it_stated is None else of.were_it_stated) if is_unstated else None,
+        mean(lambda of: of.lasting),
+    )
 
 
 def _effective_degrees_of_freedom(total: float, sources: Sequence[tuple[float, float]]) -> float:

@@ -290,7 +290,7 @@ def _sentence(name: WitnessName, deviation: Deviation) -> str:
 
 
 #: Positions closer than this are one place [m].
-_ONE_PLACE = 0.02
+ONE_PLACE = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,15 +336,18 @@ class Places:
         )
 
     @property
+    def agrees(self) -> bool:
+        """Whether what was measured may be one preload, by χ² with the stated uncertainties."""
+        return self.count < 2 or float(scipy.special.chdtrc(self.count - 1, self.chi_square)) > TEST_LEVEL
+
+    @property
     def disagreement(self) -> Doubt | None:
         """The doubt about a session whose places contradict each other.
 
         The scatter of ln(preload) about its mean is tested by χ² with the stated uncertainties; ``None`` where fewer
         than two places were measured or they agree.
         """
-        if self.count < 2 or self.farthest - self.nearest < _ONE_PLACE:
-            return None
-        if float(scipy.special.chdtrc(self.count - 1, self.chi_square)) > TEST_LEVEL:
+        if self.agrees or self.farthest - self.nearest < ONE_PLACE:
             return None
         return Doubt(
             DoubtReason.PLACES_DISAGREE,

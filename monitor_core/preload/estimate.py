@@ -12,11 +12,14 @@ from monitor_core.preload.budget import (
     FrictionExcess,
     UncertaintyBudget,
     VarianceShares,
+    joint_budget,
+    joint_weights,
     systematic_uncertainty_between,
     uncertainty_budget,
 )
 from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration, ValidRange
 from monitor_core.preload.doubts import (
+    ONE_PLACE,
     TEST_LEVEL,
     PlaceReading,
     at_uncertain_preload,
@@ -86,6 +89,7 @@ class PreloadEstimate:
     assumptions: tuple[str, ...]  # what was not stated, and what was taken instead
     doubts: tuple[Doubt, ...] = ()  # what else the windows hold, and speaks against the number
     deviations: Mapping[WitnessName, Deviation] = field(default_factory=dict)  # from what the calibration lets expect
+    budget: UncertaintyBudget | None = field(default=None, compare=False, repr=False)  # behind feature and shares
 
     def with_doubts(self, doubts: Sequence[Doubt]) -> "PreloadEstimate":
         """Add doubts; of one reason the first is kept."""
@@ -188,14 +192,70 @@ def estimate_preload(
         feature_systematic_uncertainty=math.sqrt(systematic),
         feature_scatter=math.sqrt(budget.shown),
         shares=budget.shares,
-        if_stated=tuple(
-            IfStated(names, _fieller_interval(feature, calibration, budget.with_stated(names)))
-            for names in _one_by_one_and_all(budget.unstated)
-        ),
+        if_stated=_if_stated(feature, calibration, budget),
         outside=_outside(preload, conditions, calibration),
         assumptions=_assumptions(conditions, calibration, excitation_source),
         doubts=(*doubts_of(deviations, calibration), *_risen(stated_feature, conditions, calibration)),
         deviations=deviations,
+        budget=budget,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SessionPreload:
+    """The one preload of an axis by all measurements of a session."""
+
+    preload: float  # [N]
+    interval: Interval  # as of :class:`PreloadEstimate`
+    shares: VarianceShares
+    if_stated: tuple[IfStated, ...]  # what would narrow the interval
+    weights: tuple[float, ...]  # of the measurements, in their order; they add up to 1
+    positions: tuple[float, ...]  # of the measurements [m]
+
+
+def session_preload(
+    estimates: Sequence[PreloadEstimate], positions: Sequence[float], calibration: Calibration
+) -> SessionPreload | None:
+    """Join the measurements of one session, of one preload, at their positions [m]; ``None`` of fewer than two.
+
+    The mean of the features, weighted by the information of each (:func:`~monitor_core.preload.budget.joint_weights`),
+    with the interval of :func:`estimate_preload` for the budget that it has: what the measurements share is not
+    averaged away (:func:`~monitor_core.preload.budget.joint_budget`).
+    """
+    budgets = [estimate.budget for estimate in estimates if estimate.budget is not None]
+    if len(budgets) < max(len(estimates), 2):
+        return None
+    places = np.array(positions)
+    is_one_place = np.abs(places[:, None] - places) < ONE_PLACE
+    own = np.array([estimate.feature_own_uncertainty for estimate in estimates])
+    own_shares = np.minimum(own / np.sqrt([max(budget.frequency, 1e-300) for budget in budgets]), 1.0)
+    scatter = np.sqrt([budget.reproducibility for budget in budgets])
+    if not np.all(np.hypot(own, scatter) > 0.0):  # they state no uncertainty to be weighted by
+        return None
+    weights = joint_weights(own, scatter, is_one_place)
+    feature = float(weights @ [estimate.feature.value for estimate in estimates])
+    budget = joint_budget(
+        feature,
+        budgets,
+        weights=weights,
+        own_shares=own_shares,
+        is_one_place=is_one_place,
+        calibration=calibration,
+    )
+    return SessionPreload(
+        preload_from_feature(feature, calibration.coefficients),
+        _fieller_interval(feature, calibration, budget),
+        budget.shares,
+        _if_stated(feature, calibration, budget),
+        tuple(weights.tolist()),
+        tuple(positions),
+    )
+
+
+def _if_stated(feature: float, calibration: Calibration, budget: UncertaintyBudget) -> tuple[IfStated, ...]:
+    return tuple(
+        IfStated(names, _fieller_interval(feature, calibration, budget.with_stated(names)))
+        for names in _one_by_one_and_all(budget.unstated)
     )
 
 

@@ -9,12 +9,19 @@ from pathlib import Path
 import click
 
 from monitor_core.modal import excitation_remark
-from monitor_core.preload import Calibration, PreloadEstimate, estimate_preload
+from monitor_core.preload import Calibration, PreloadEstimate, SessionPreload, estimate_preload
 from monitor_core.recording import Rejection
 from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.session import SessionMeasurement, excitation_remarks, judge_session, with_session_doubts
+from monitor_core.session import (
+    SessionMeasurement,
+    excitation_remarks,
+    judge_session,
+    preload_of_session,
+    sessions_of,
+    with_session_doubts,
+)
 from service.cli.inputs.data import (
     Data,
     DataKind,
@@ -33,6 +40,7 @@ from service.documents.measurement import (
     friction_document,
     if_stated_in_words,
     refusal_document,
+    session_document,
 )
 from service.json_types import JsonObject
 
@@ -48,15 +56,24 @@ def estimate(paths: tuple[Path, ...], map_path: Path | None, calibration_file: P
     """Turn natural frequencies or a recorded session into preload."""
     data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.SESSION))
     calibration = read_calibration(calibration_at(calibration_file))
-    estimates = _of_session(data, calibration) if data.is_session else _of_table(data.file, calibration)
+    estimates, sessions = _of_session(data, calibration) if data.is_session else (_of_table(data.file, calibration), [])
     if as_json:
-        print_json({"estimates": [_document(item) for item in estimates]})
+        joined: list[JsonObject] = [
+            {"measurements": list(session.measurements)} | session_document(session.joint) for session in sessions
+        ]
+        print_json({"estimates": [_document(item) for item in estimates], "sessions": joined})
         return
     print_table(
         f"Preload from {data.name}",
         ("measurement", "position", "frequency", "preload", "95 % coverage", "mostly from", "remarks"),
         [_row(item) for item in estimates],
     )
+    if sessions:
+        print_table(
+            "The one preload of a session, by all its measurements",
+            ("measurements", "places", "preload", "95 % coverage", "mostly from", "remarks"),
+            [_joint_row(session) for session in sessions],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +89,25 @@ class _Estimated:
     friction: JsonObject = field(default_factory=dict)
 
 
-def _of_session(data: Data, calibration: Calibration) -> list[_Estimated]:
-    estimates = []
+@dataclass(frozen=True, slots=True)
+class _Joined:
+    """A session and the one preload that its measurements give together."""
+
+    measurements: tuple[str, ...]
+    joint: SessionPreload
+
+
+def _of_session(data: Data, calibration: Calibration) -> tuple[list[_Estimated], list[_Joined]]:
+    estimates, sessions = [], []
     with opened_session(data) as session:
         judged = list(judge_session(session, axis_settings(None), calibration))
         remarks = excitation_remarks(judged)
-        for item in with_session_doubts(judged, calibration):
+        judged = with_session_doubts(judged, calibration)
+        for together in sessions_of(judged):
+            if (joint := preload_of_session(together, calibration)) is not None:
+                names = [m.name for m in together if isinstance(m.outcome.preload, PreloadEstimate)]
+                sessions.append(_Joined(tuple(names), joint))
+        for item in judged:
             modal = item.outcome.modal
             frequency = None if isinstance(modal, Rejection) else modal.mode.frequency.value
             position_mm = to_millimetres(item.conditions.position)
@@ -90,7 +120,7 @@ def _of_session(data: Data, calibration: Calibration) -> list[_Estimated]:
             if preload is None:
                 raise AssertionError("by a calibration there is a preload, or a refusal")
             estimates.append(_Estimated(item.name, position_mm, frequency, preload, warnings, refused, friction))
-    return estimates
+    return estimates, sessions
 
 
 def _against_calibration(item: SessionMeasurement, calibration: Calibration) -> str | None:
@@ -142,7 +172,7 @@ def _said(item: _Estimated) -> list[str]:
     ]
 
 
-def _brought(answer: PreloadEstimate) -> str:
+def _brought(answer: PreloadEstimate | SessionPreload) -> str:
     better = ((each.quantities, ends_in_newtons(each.interval)) for each in answer.if_stated)
     return if_stated_in_words(ends_in_newtons(answer.interval), better)
 
@@ -153,13 +183,24 @@ def _row(item: _Estimated) -> tuple[str, ...]:
     place = (item.measurement, f"{item.position_mm:.1f} mm", frequency)
     if isinstance(answer, Rejection):
         return (*place, "—", "—", "—", "; ".join([f"{answer.reason}: {answer.detail}", *_said(item)]))
+    return (*place, *_in_newtons(answer), "; ".join(_said(item)))
+
+
+def _joint_row(session: _Joined) -> tuple[str, ...]:
+    joint, measurements = session.joint, session.measurements
+    nearest, farthest = min(joint.positions), max(joint.positions)
+    places = f"{to_millimetres(nearest):.1f} to {to_millimetres(farthest):.1f} mm"
+    names = f"{measurements[0]} to {measurements[-1]} ({len(measurements)})"
+    return (names, places, *_in_newtons(joint), _brought(joint))
+
+
+def _in_newtons(answer: PreloadEstimate | SessionPreload) -> tuple[str, str, str]:
     low, high = answer.interval.lower, answer.interval.upper
-    remarks = _said(item)
     upper = f"{high:.0f}" if math.isfinite(high) else "∞"
     made_of = ", ".join(f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in _largest(answer))
-    return (*place, f"{answer.preload:.0f} N", f"{low:.0f} to {upper} N", made_of, "; ".join(remarks))
+    return f"{answer.preload:.0f} N", f"{low:.0f} to {upper} N", made_of
 
 
-def _largest(estimate: PreloadEstimate) -> list[tuple[str, float]]:
+def _largest(estimate: PreloadEstimate | SessionPreload) -> list[tuple[str, float]]:
     """Return the two largest shares of the variance; the document has all."""
     return sorted(asdict(estimate.shares).items(), key=lambda share: -share[1])[:2]

@@ -16,7 +16,9 @@ from monitor_core.preload import (
     Calibration,
     DragTorque,
     Friction,
+    IfStated,
     PreloadEstimate,
+    SessionPreload,
     excess_variance_of,
     preload_from_feature,
     widened,
@@ -110,11 +112,27 @@ def estimate_document(estimate: PreloadEstimate) -> JsonObject:
         "preload_feature_s2": estimate.feature.value,
         "preload_feature_standard_uncertainty_s2": estimate.feature.standard_uncertainty,
         "variance_shares": asdict(estimate.shares),
-        "if_stated": [
-            {"quantities": list(better.quantities), "interval_95_n": list(ends_in_newtons(better.interval))}
-            for better in estimate.if_stated
-        ],
+        "if_stated": _if_stated_documents(estimate.if_stated),
     }
+
+
+def session_document(joint: SessionPreload) -> JsonObject:
+    """Lay out the one preload of a session, with the weight of each of its measurements."""
+    return {
+        "preload_n": joint.preload,
+        "interval_95_n": list(ends_in_newtons(joint.interval)),
+        "interval_kind": f"95 % {joint.interval.kind}",
+        "variance_shares": asdict(joint.shares),
+        "if_stated": _if_stated_documents(joint.if_stated),
+        "weights": list(joint.weights),
+    }
+
+
+def _if_stated_documents(if_stated: Iterable[IfStated]) -> list[JsonObject]:
+    return [
+        {"quantities": list(better.quantities), "interval_95_n": list(ends_in_newtons(better.interval))}
+        for better in if_stated
+    ]
 
 
 def doubt_documents(doubts: Iterable[Doubt]) -> list[JsonObject]:

@@ -151,6 +151,29 @@ def test_check_of_a_damaged_file(preload: Any, session_file: Path, tmp_path: Pat
     assert answer.err == ""
 
 
+def test_estimate_joins_measurements_of_one_preload_and_none_that_contradict_each_other(
+    preload: Any, table2: Path, session_file: Path, tmp_path: Path
+) -> None:
+    calibration, path = tmp_path / "calibration.json", tmp_path / "unset.session.h5"
+    preload("calibrate", table2, "--out", calibration)
+    stated = json.loads(calibration.read_text(encoding="utf-8"))  # a table does not say what excited it
+    calibration.write_text(json.dumps(stated | {"excitation_source": "sensor"}), encoding="utf-8")
+    whole = read_session(session_file)
+    assert preload("estimate", session_file, "--calibration", calibration, "--json").json()["sessions"] == []  # set
+    unset = [replace(w, conditions=replace(w.conditions, preload=None)) for w in whole.windows]
+    write_session(path, replace(whole, windows=tuple(unset)))
+    assert preload("estimate", path, "--calibration", calibration, "--json").json()["sessions"] == []  # 150 to 350 N
+    first = [w for w in unset if w.measurement == whole.measurements[0]]
+    halves = [replace(w, measurement=f"half {2 * i // len(first)}") for i, w in enumerate(first)]
+    write_session(path, replace(whole, windows=tuple(halves)))
+    told = preload("estimate", path, "--calibration", calibration, "--json").json()
+    (session,) = told["sessions"]
+    ends = [e["preload_n"] for e in told["estimates"]]
+    assert session["measurements"] == ["half 0", "half 1"]
+    assert min(ends) <= session["preload_n"] <= max(ends)
+    assert "half 0 to half 1 (2)" in preload("estimate", path, "--calibration", calibration).out
+
+
 @pytest.mark.parametrize("command", ["frf", "calibrate", "estimate", "replay"])
 def test_bad_input_is_one_line(preload: Any, session_file: Path, table2: Path, tmp_path: Path, command: str) -> None:
     calibration = tmp_path / "calibration.json"
