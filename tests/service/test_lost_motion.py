@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 
 import preload_client
 from tests.conftest import PROJECT_ROOT
@@ -200,3 +201,18 @@ def test_a_log_is_measured_and_sent_in_one_command(
     low, high = point["play_interval_95_um"]
     assert low < 5.0 < high < point["reversal_value_um"]
     assert (point["at"], point["position_mm"]) == ("2026-03-01T06:00:00Z", pytest.approx(563.8, abs=0.1))
+
+
+@pytest.mark.release
+def test_healthy_axes_alarm_no_more_often_than_is_stated(shared_api: Api) -> None:
+    """Each is watched until its first alarm; the count of those is a Poisson number of the stated rate at most."""
+    n_alarms, watched_years = 0, 0.0
+    for seed in range(40):
+        axis = f"healthy-{seed}"
+        shared_api.register(axis, baseline_size=20, baseline_days=14, false_alarms_per_year=1.0)
+        rng = np.random.default_rng(1000 + seed)
+        send(shared_api, axis, [reading(rng, day) for day in range(-365, 0)])
+        states = [point["state"] for point in told(shared_api, axis)["points"]]
+        n_alarms += "alarm" in states
+        watched_years += ([*states, "alarm"].index("alarm") - states.count("learning")) / 365.0
+    assert n_alarms <= scipy.stats.poisson.ppf(0.999, watched_years), (n_alarms, watched_years)
