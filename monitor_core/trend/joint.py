@@ -1,27 +1,35 @@
 r"""Watch several numbers of an axis together: what none of them shows alone shows in how they differ together.
 
-Each number is predicted as in :mod:`monitor_core.trend.belief`: level, season and temperature, an autoregression in one
-of several structures, Student's t. The normal scores z of its errors are standard normal on a healthy axis. Together
-they have a covariance Ω that is learnt with an inverse-Wishart prior; it shrinks towards no correlation as Ledoit &
-Wolf (J. Multivar. Anal. 88 (2004) 365–411) do, and gives :math:`T^2 = z^\mathsf{T} \hat\Omega^{-1} z` the law of
-Hotelling's for few sessions, by which z is brought to its normal length. What moves all numbers at once on a healthy
-axis, such as a temperature that nobody measures, is a direction of Ω in which much is normal.
+A step of the directions d of several numbers, in standard deviations of each, shows best in the combination
 
-A step d of any direction since session τ, normal with :data:`monitor_core.trend.joint_filter.STEP` standard deviations
-in all, is weighed against none as in :mod:`monitor_core.trend.lasting_loss`:
+.. math:: x = d^\mathsf{T} \hat\Omega^{-1} y
 
-.. math:: R_t = \sum_{\tau < t} \left| \Lambda_\tau + \Omega^{-1} p / s^2 \right|^{-1/2}
-    \left| \Omega^{-1} p / s^2 \right|^{1/2}
-    \exp \tfrac{1}{2} c_\tau^\mathsf{T} (\Lambda_\tau + \Omega^{-1} p / s^2)^{-1} c_\tau, \qquad
-    c_\tau = \sum_{i \ge \tau} G_i \Omega^{-1} z_i, \quad \Lambda_\tau = \sum_{i \ge \tau} G_i \Omega^{-1} G_i
+of the numbers y (Healy, Technometrics 29 (1987) 409–412), with their correlation Ω on the baseline, shrunk towards none
+as Ledoit & Wolf (J. Multivar. Anal. 88 (2004) 365–411) do. What moves all numbers at once on a healthy axis, such as a
+temperature that nobody measures, is taken out where numbers can be compared. Where it is known which way numbers go as
+preload is lost, there is a combination for each subset of them; of others the whitened numbers, their sums and their
+differences, each up and down (as Hawkins, Technometrics 33 (1991) 61–75, compares each with the others).
 
-with what the filters have left of a unit step in the diagonal of G. Where it is known which way numbers go as preload
-is lost, most of the weight is on steps of that way, in any of them and alike. On a healthy axis :math:`R_t - t` is a
-martingale, so that the sessions until R exceeds A are A or more in the mean (Pollak, Ann. Stat. 13 (1985) 206–227). The
-evidence :math:`c^\mathsf{T} (\ldots)^{-1} c` is shared out among the numbers by the correlation's inverse root
-(Garthwaite & Koch, Aust. N. Z. J. Stat. 58 (2016) 99–119).
+Each combination is one series, predicted as in :mod:`monitor_core.trend.belief`: level, season and temperature, an
+autoregression in one of several structures r, Student's t. A cause that varies slowly and moves all numbers is in each
+series as an autoregression and noise, however it is shared, and structures in which it is nearly everything belong
+to those believed. One series is judged by its own past,
+whatever the numbers have in common. A step since
+session τ, half-normal with :data:`monitor_core.trend.joint_filter.STEP` standard deviations, is weighed against none as
+in :mod:`monitor_core.trend.lasting_loss`, and the combinations alike:
 
-A number that a session lacks is left out of its T² (the marginal law); such a session teaches nothing.
+.. math:: R_t = \sum_{\tau < t} \frac{1}{K} \sum_{k=1}^K \sum_r w_{kr} \frac{2}{s \sqrt{\Lambda_{\tau r}'}}
+    \Phi\!\left( \frac{c_{\tau kr}}{\sqrt{\Lambda_{\tau r}'}} \right) \exp \frac{c_{\tau kr}^2}{2 \Lambda_{\tau r}'},
+    \qquad c_{\tau kr} = \sum_{i \ge \tau} g_{ir} z_{ikr}, \quad
+    \Lambda_{\tau r}' = s^{-2} + \sum_{i \ge \tau} g_{ir}^2
+
+with the normal scores z of the errors and what the filter has left of a unit step in g. On a healthy axis
+:math:`R_t - t` is a martingale, so that the sessions until R exceeds A are A or more in the mean (Pollak, Ann. Stat. 13
+(1985) 206–227). The evidence is shared out among the numbers by the correlation's inverse root (Garthwaite & Koch,
+Aust. N. Z. J. Stat. 58 (2016) 99–119).
+
+A number that a session lacks is taken as the others let it expect, which leaves the combinations of the others; such a
+session teaches nothing.
 """
 
 import math
@@ -42,6 +50,8 @@ from monitor_core.uncertainty import Estimate
 
 #: Numbers are watched that so large a part of the baseline's sessions have.
 KNOWN = 0.9
+#: A baseline holds so many sessions for each number: of fewer the combinations fit its scatter, and alarm too often.
+SESSIONS_PER_NUMBER = 10
 #: So many sessions tell the level again after an inspection.
 LEVEL_SIZE = 10
 #: A session is judged as soon as it has so large a part of the measurements that others had, or when it is over.
@@ -156,8 +166,9 @@ class JointChart:
     numbers: tuple[float, ...] = ()  # of each, see :class:`monitor_core.trend.joint_filter.Weighed`
     log_evidence: float | None = None  # ln R after this session; None: not judged
     alarm: JointEvidence | None = None
-    step: tuple[float, ...] = ()  # that raised the alarm, in the scores
-    recent: tuple[float, ...] = ()  # weighted mean of the scores since the alarm
+    series: int = 0  # combination that raised the alarm, ...
+    step: float = 0.0  # ... its step, in standard deviations, ...
+    recent: float = 0.0  # ... and the weighted mean of its errors since then
     quiet: int = 0
 
 
@@ -191,8 +202,9 @@ def joint_step(
     """Carry the joint chart over one more accepted measurement, later than all before it.
 
     A life begins with ``JointState()``. The baseline has the size and span of the design's, sessions in doubt not
-    counted; fewer than two numbers are not watched together. ``loss`` says which way numbers go as preload is lost,
-    where that is known; it holds from the baseline on. No session alarms alone: it may bring half of the limit.
+    counted, and :data:`SESSIONS_PER_NUMBER` sessions for each number, within twice its size; fewer than two numbers are
+    not watched together. ``loss`` says which way numbers go as preload is lost, where that is known; it holds from the
+    baseline on. No session alarms alone: it may bring half of the limit.
     ``OutsideValidityError`` for an observation that is not later than the last.
     """
     at = observation.at
@@ -247,6 +259,8 @@ def _closed(state: JointState, design: DetectorDesign, loss: Mapping[str, LossDi
         span = collected[-1].started_at - collected[0].started_at
         enough = len(collected) >= settings.baseline_size and span >= settings.baseline_span
         learnt = _begun(collected, loss) if enough else None
+        if learnt is not None and len(collected) < SESSIONS_PER_NUMBER * len(learnt.names):
+            learnt = None
     else:
         enough = len(collected) >= LEVEL_SIZE
         learnt = _with_bank(learnt, joint_filter.reopened(_bank(learnt))) if enough else None
@@ -271,8 +285,10 @@ def _begun(sessions: Sequence[JointSession], loss: Mapping[str, LossDirection]) 
         return None
     temperatures = [session.temperature for session in sessions if session.temperature is not None]
     reference, first = float(np.mean(temperatures)) if temperatures else None, sessions[0].started_at
-    numbers = joint_filter.begin(len(names)).numbers()
     signs = tuple(_SIGNS.get(loss.get(name), 0.0) for name in names)
+    whole = [[session.values[name] for name in names] for session in sessions if set(names) <= set(session.values)]
+    scattered = (np.array(whole) - np.array(zeros)) / np.array(units)
+    numbers = joint_filter.begin(joint_filter.correlation_of(scattered), signs).numbers()
     return JointBelief(tuple(names), signs, tuple(zeros), tuple(units), first, first, 0, 0, numbers, reference)
 
 
@@ -314,48 +330,50 @@ def _carried(
     chart: JointChart, belief: JointBelief, session: JointSession, limit: float
 ) -> tuple[JointChart, JointBelief]:
     """Carry chart and belief over a session. Nothing is learnt of one in doubt, nor while an alarm stands."""
-    p, days = len(belief.names), (session.started_at - belief.last_at) / DAY
+    days = (session.started_at - belief.last_at) / DAY
     if not any(name in session.values for name in belief.names):
         return chart, belief
     judged = _judged(belief, session)
     if chart.alarm is not None:
         gone_by = replace(belief, last_at=session.started_at, latest_temperature=session.temperature)
         return _standing(chart, judged), _with_bank(gone_by, judged.bank)
-    at, before = chart.beginnings, weighed_from(chart.numbers, p)
-    weighed = joint_filter.weigh(before, judged, days, limit=limit, learns=_teaches(belief, session))
+    at, before = chart.beginnings, weighed_from(chart.numbers, judged.bank.series.shape[0])
+    teaches = _teaches(belief, session)
+    weighed = joint_filter.weigh(before, judged, days, belief.signs, limit=limit, learns=teaches)
     learnt = _learnt(belief, session, judged)
-    each = joint_filter.log_evidence(weighed, judged, belief.signs)
-    log_evidence = float(np.logaddexp.reduce((each + weighed.merged)[: len(at)])) if at else None
+    of_series = joint_filter.log_evidence(weighed, judged, belief.signs)
+    each = joint_filter.log_sum(of_series)
+    log_evidence = float(joint_filter.log_sum((each + weighed.merged)[: len(at)])) if at else None
     if log_evidence is not None and log_evidence > limit:
         best = int(np.argmax(each[: len(at)]))
-        step, uncertainty, share = joint_filter.step_since(weighed, judged, best, each + weighed.merged)
-        unit = judged.bank.scatter * np.array(belief.units)
-        changes = _changes(belief, step * unit, uncertainty * unit, share)
+        changes = _changes(belief, judged, *joint_filter.changes_since(weighed, judged, each + weighed.merged))
         alarm = JointEvidence(session.last_at, at[best], log_evidence, limit, changes)
-        now = tuple(np.linalg.solve(weighed.information[best], weighed.cross[best]).tolist())
-        bank = joint_filter.without_step(_bank(learnt), weighed, judged, best)
-        return JointChart(log_evidence=log_evidence, alarm=alarm, step=now, recent=now), _with_bank(learnt, bank)
+        series = int(np.argmax(of_series[best]))
+        now = joint_filter.step_of(weighed, judged, best, series)
+        bank = joint_filter.without_step(_bank(learnt), weighed, best)
+        chart = JointChart(log_evidence=log_evidence, alarm=alarm, series=series, step=now, recent=now)
+        return chart, _with_bank(learnt, bank)
     weighed, gone = joint_filter.thinned(weighed, each)
     kept = tuple(moment for index, moment in enumerate((*at, session.started_at)) if index != gone)
     return JointChart(kept, weighed.numbers(), log_evidence), learnt
 
 
 def _changes(
-    belief: JointBelief, change: FloatArray, uncertainty: FloatArray, share: FloatArray
+    belief: JointBelief, judged: Judged, step: FloatArray, uncertainty: FloatArray, share: FloatArray
 ) -> tuple[NumberChange, ...]:
-    degrees = 2.0 * _bank(belief).shape
+    p, degrees = len(belief.names), 2.0 * judged.bank.shape
+    unit = judged.bank.scatter[-p:] * np.array(belief.units)
     changes = [
-        NumberChange(name, Estimate(float(change[i]), float(uncertainty[i]), degrees), float(share[i]))
-        for i, name in enumerate(belief.names)
+        NumberChange(name, Estimate(float(change), float(deviation), degrees), float(part))
+        for name, change, deviation, part in zip(belief.names, step * unit, uncertainty * unit, share, strict=True)
     ]
     return tuple(sorted(changes, key=lambda item: -item.share))
 
 
 def _standing(chart: JointChart, judged: Judged) -> JointChart:
     """Keep or release an alarm."""
-    recent, step = (1.0 - NEWEST) * np.array(chart.recent) + NEWEST * judged.score, np.array(chart.step)
-    left = float(step @ judged.precision @ recent) / float(step @ judged.precision @ step)
-    quiet = chart.quiet + 1 if left < RELEASE_FRACTION else 0
+    recent = (1.0 - NEWEST) * chart.recent + NEWEST * float(judged.relative[chart.series])
+    quiet = chart.quiet + 1 if recent / chart.step < RELEASE_FRACTION else 0
     if quiet >= RELEASE_COUNT:
         return JointChart()
-    return replace(chart, recent=tuple(recent.tolist()), quiet=quiet)
+    return replace(chart, recent=recent, quiet=quiet)

@@ -1,10 +1,10 @@
-r"""Filter several numbers of an axis, and weigh a step in them together: the arithmetic of :mod:`.joint`.
+r"""Filter numbers of an axis and combinations of them, and weigh a step in each: the arithmetic of :mod:`.joint`.
 
 Arrays may begin with a shape of axes that are measured at the same times, so that many are simulated at once.
 """
 
 import functools
-import math
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,9 +14,10 @@ import scipy
 from monitor_core.arrays import BoolArray, FloatArray
 
 #: How sessions depend on each other: φ of sessions a day apart, the share of the scatter that is so correlated, weight.
+#: The last ones are of a slow cause that is most of the scatter.
 STRUCTURES = np.array([
-    (0.0, 0.0, 0.30), (0.3, 1.0, 0.14), (0.6, 1.0, 0.14), (0.8, 1.0, 0.12), (0.9, 1.0, 0.08), (0.85, 0.5, 0.12),
-    (0.96, 0.4, 0.10),
+    (0.0, 0.0, 0.26), (0.3, 1.0, 0.10), (0.6, 1.0, 0.10), (0.6, 0.5, 0.08), (0.8, 1.0, 0.10), (0.85, 0.5, 0.10),
+    (0.9, 0.9, 0.08), (0.96, 0.4, 0.08), (0.96, 0.8, 0.05), (0.96, 1.0, 0.05),
 ])  # fmt: skip
 _CORRELATION, _SHARE, _WEIGHT = STRUCTURES.T
 #: Level, season (two), change of the temperature in a day, temperature; the autoregression is the last of the state.
@@ -24,7 +25,7 @@ _DEVIATIONS = np.array([100.0, 0.8, 0.8, 4.0, 2.0])  # of these coefficients, in
 SIZE = _DEVIATIONS.size + 1
 #: Sessions that the prior of the correlations, none, is worth.
 WORTH = 5.0
-#: A step has so many standard deviations of a session, over all directions.
+#: A step has so many standard deviations of a session.
 STEP = 2.0
 #: Belief that a step may go any way, where the ways in which a loss moves some numbers are known and others' are not.
 ANY_WAY = 0.25
@@ -34,15 +35,68 @@ LARGEST_LESSON = 4.0
 KEPT = 12
 
 
+def correlation_of(values: FloatArray) -> FloatArray:
+    """Return the correlation of what is new in each session in numbers, (…, n_sessions, p), shrunk towards none.
+
+    From one session to the next: levels of a slow autoregression look alike or opposed by chance (spurious correlation,
+    Granger & Newbold, J. Econometrics 2 (1974) 111–120).
+    """
+    new = np.diff(values, axis=-2)
+    n, p = new.shape[-2:]
+    together = new.swapaxes(-1, -2) @ new
+    deviation = np.sqrt(np.diagonal(together, axis1=-2, axis2=-1))
+    correlation = together / (deviation[..., :, None] * deviation[..., None, :])
+    return np.asarray((n * correlation + WORTH * np.eye(p)) / (n + WORTH))
+
+
+def series_of(correlation: FloatArray, signs: tuple[float, ...]) -> FloatArray:
+    r"""Return the combinations in which steps are looked for, and the numbers: (…, n_series, p), of unit scatter.
+
+    ``signs``: 1 for a number that rises as preload is lost, -1 for one that falls, 0 where it is not known. First the
+    losses, upwards, of which there are :func:`n_losses`: all subsets of the numbers whose way is known, since which of
+    them show a loss is not. A step along d, in standard deviations of each number, shows best in
+    :math:`a = \Omega^{-1} d` (Healy, Technometrics 29 (1987) 409–412). Where ways are not known, then sums and
+    differences of all numbers, whitened, each with a weight of 1, 0 or -1. The numbers are the last p.
+    """
+    known, numbers = [index for index, sign in enumerate(signs) if sign != 0.0], np.eye(len(signs))
+    losses = np.zeros((n_losses(signs), len(signs)))
+    for bit, index in enumerate(known):
+        losses[:, index] = signs[index] * (np.arange(1, len(losses) + 1) >> bit & 1)
+    best = np.linalg.solve(correlation, losses.T).swapaxes(-1, -2)
+    best /= np.sqrt((best * losses).sum(axis=-1, keepdims=True))
+    variance, components = np.linalg.eigh(correlation)
+    white = (components / np.sqrt(variance)[..., None, :]) @ components.swapaxes(-1, -2)
+    ways = np.array([way for way in itertools.product((0.0, 1.0, -1.0), repeat=len(signs)) if _is_first(way)])
+    any_way = (ways / np.linalg.norm(ways, axis=1)[:, None])[: 0 if all(signs) else None] @ white
+    return np.concatenate((best, any_way, np.broadcast_to(numbers, correlation.shape)), axis=-2)
+
+
+def n_losses(signs: tuple[float, ...]) -> int:
+    """Return in how many directions a loss may go."""
+    return int(2 ** sum(sign != 0.0 for sign in signs) - 1)
+
+
+def _is_first(way: tuple[float, ...]) -> bool:
+    """Tell one of two opposite ways from the other, and from none."""
+    return next((weight for weight in way if weight), 0.0) > 0.0
+
+
+def log_sum(logarithms: FloatArray) -> FloatArray:
+    """Return the logarithm of the sum of numbers over the last axis, given theirs."""
+    largest = logarithms.max(axis=-1)
+    return np.asarray(largest + np.log(np.exp(logarithms - largest[..., None]).sum(axis=-1)))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Bank:
-    """What is believed of each number, by structure, and of all together."""
+    """What is believed of each series, by structure."""
 
-    mean: FloatArray  # (…, p, n_structures, size of the state)
+    mean: FloatArray  # (…, n_series, n_structures, size of the state)
     covariance: FloatArray  # (n_structures, size of the state, size of the state), in units of σ²: alike for all
-    rate: FloatArray  # b of the inverse gamma of σ², (…, p, n_structures)
-    log_weight: FloatArray  # (…, p, n_structures)
-    together: FloatArray  # scale of the inverse Wishart of the normal scores, (…, p, p)
+    rate: FloatArray  # b of the inverse gamma of σ², (…, n_series, n_structures)
+    log_weight: FloatArray  # (…, n_series, n_structures)
+    correlation: FloatArray  # Ω of the numbers, (…, p, p)
+    series: FloatArray  # (…, n_series, p)
     n: float  # sessions that were learnt
 
     @property
@@ -51,36 +105,32 @@ class Bank:
         return 0.5 * (1.0 + self.n)
 
     @property
-    def degrees(self) -> float:
-        """Degrees of freedom of the joint t: of the inverse Wishart, p + 2 at first, less p − 1."""
-        return 2.0 + WORTH + self.n
-
-    @property
     def weight(self) -> FloatArray:
-        """Probability of each structure, (…, p, n_structures)."""
+        """Probability of each structure, (…, n_series, n_structures)."""
         return np.asarray(np.exp(self.log_weight))
 
     @property
     def scatter(self) -> FloatArray:
-        """Standard deviation σ of each number from session to session, (…, p)."""
+        """Standard deviation σ of each series from session to session, (…, n_series)."""
         return np.asarray(np.sqrt((self.weight * self.rate).sum(axis=-1) / self.shape))
 
     def numbers(self) -> tuple[float, ...]:
         """Return all numbers of one axis in a row."""
-        p = self.mean.shape[0]
-        (i, j), (k, m) = _upper(SIZE), _upper(p)
-        arrays = (self.mean, self.rate, self.log_weight, self.covariance[:, i, j], self.together[k, m])
+        (i, j), (k, m) = _upper(SIZE), _upper(self.correlation.shape[-1])
+        beliefs = (self.mean, self.rate, self.log_weight, self.covariance[:, i, j])
+        arrays = (self.series, *beliefs, self.correlation[k, m])
         return (*np.concatenate([a.ravel() for a in arrays]).tolist(), self.n)
 
 
 def bank_from(numbers: tuple[float, ...], p: int) -> Bank:
     """Return what is believed of the p numbers of one axis, from its numbers in a row."""
-    n = len(STRUCTURES)
-    sizes = [p * n * SIZE, p * n, p * n, n * SIZE * (SIZE + 1) // 2]
-    mean, rate, weight, covariance, together = np.split(np.array(numbers[:-1]), np.cumsum(sizes))
+    n, of_state = len(STRUCTURES), SIZE * (SIZE + 1) // 2
+    count = (len(numbers) - 1 - n * of_state - p * (p + 1) // 2) // (p + n * (SIZE + 2))
+    sizes = [count * p, count * n * SIZE, count * n, count * n, n * of_state]
+    series, mean, rate, weight, covariance, together = np.split(np.array(numbers[:-1]), np.cumsum(sizes))
     return Bank(
-        mean.reshape(p, n, SIZE), _symmetric(covariance.reshape(n, -1), SIZE), rate.reshape(p, n),
-        weight.reshape(p, n), _symmetric(together[None], p)[0], numbers[-1],
+        mean.reshape(count, n, SIZE), _symmetric(covariance.reshape(n, -1), SIZE), rate.reshape(count, n),
+        weight.reshape(count, n), _symmetric(together[None], p)[0], series.reshape(count, p), numbers[-1],
     )  # fmt: skip
 
 
@@ -96,15 +146,18 @@ def _symmetric(upper: FloatArray, size: int) -> FloatArray:
     return full
 
 
-def begin(p: int, axes: tuple[int, ...] = ()) -> Bank:
-    """Return what is known of p numbers before the first session, counted in their scatter from their mean."""
-    n = len(STRUCTURES)
+def begin(correlation: FloatArray, signs: tuple[float, ...]) -> Bank:
+    """Return what is known before the first session of numbers of a correlation, (…, p, p).
+
+    They are counted in their scatter from their mean.
+    """
+    n, series = len(STRUCTURES), series_of(correlation, signs)
     covariance = np.zeros((n, SIZE, SIZE))
     covariance[:, range(SIZE), range(SIZE)] = [*_DEVIATIONS**2, 0.0]
     covariance[:, -1, -1] = _SHARE
-    log_weight = np.broadcast_to(np.log(_WEIGHT), (*axes, p, n)).copy()
-    together = np.broadcast_to(WORTH * np.eye(p), (*axes, p, p)).copy()
-    return Bank(np.zeros((*axes, p, n, SIZE)), covariance, np.full((*axes, p, n), 0.5), log_weight, together, 0.0)
+    shape = (*series.shape[:-1], n)
+    log_weight = np.broadcast_to(np.log(_WEIGHT), shape).copy()
+    return Bank(np.zeros((*shape, SIZE)), covariance, np.full(shape, 0.5), log_weight, correlation, series, 0.0)
 
 
 def reopened(bank: Bank) -> Bank:
@@ -123,22 +176,28 @@ class Judged:
     decay: FloatArray  # of the autoregression since the session before, (n_structures,)
     gain: FloatArray  # what a unit error teaches of the state, (n_structures, size)
     spread: FloatArray  # q, (n_structures,)
-    error: FloatArray  # (…, p, n_structures)
-    scale: FloatArray  # of its t, (…, p, n_structures)
-    score: FloatArray  # z, (…, p): on a healthy axis normal with the covariance Ω
-    square: FloatArray  # T² of the scores as it is distributed with chi-square, (…,)
-    precision: FloatArray  # Ω⁻¹ as it is believed, (…, p, p)
-    known: BoolArray  # (p,)
-    log_weight: FloatArray  # once the session was seen, (…, p, n_structures)
+    error: FloatArray  # (…, n_series, n_structures)
+    scale: FloatArray  # of its t, (…, n_series, n_structures)
+    log_weight: FloatArray  # once the session was seen, (…, n_series, n_structures)
 
     @property
     def relative(self) -> FloatArray:
-        """Errors in standard deviations, (…, p), zero where nothing is known of a number."""
-        return np.asarray((self.bank.weight * self.error / self.scale).sum(axis=-1) * self.known)
+        """Errors in standard deviations, (…, n_series)."""
+        return np.asarray((self.bank.weight * self.error / self.scale).sum(axis=-1))
+
+    @property
+    def score(self) -> FloatArray:
+        """Normal scores of the errors: on a healthy axis of that structure standard normal and independent."""
+        # the smaller tail has all its digits
+        tail = np.maximum(scipy.special.stdtr(2.0 * self.bank.shape, -np.abs(self.error / self.scale)), 1e-300)
+        return np.asarray(-np.sign(self.error) * scipy.special.ndtri(tail))
 
 
 def judge(bank: Bank, design: FloatArray, days: float, values: FloatArray, known: BoolArray) -> Judged:
-    """Predict a session so many days after the one before, and say by how much its values, (…, p), are off."""
+    """Predict a session so many days after the one before, and say by how much its values, (…, p), are off.
+
+    What is not ``known`` is taken as the others let it expect: all combinations are then those of the others alone.
+    """
     decay = _CORRELATION**days
     mean, covariance = bank.mean.copy(), bank.covariance.copy()
     mean[..., -1] *= decay
@@ -148,55 +207,34 @@ def judge(bank: Bank, design: FloatArray, days: float, values: FloatArray, known
     bank = replace(bank, mean=mean, covariance=covariance)
     cross = covariance @ design
     spread = cross @ design + 1.0 - _SHARE
-    error = values[..., None] - mean @ design
+    predicted = mean @ design
+    if not known.all():
+        p = known.size
+        expected = (bank.weight[..., -p:, :] * predicted[..., -p:, :]).sum(axis=-1)
+        off = (values - expected)[..., known, None]
+        among = bank.correlation[..., known, :]
+        off = among[..., ~known].swapaxes(-1, -2) @ np.linalg.solve(among[..., known], off)
+        values = values.copy()
+        values[..., ~known] = expected[..., ~known] + off[..., 0]
+    error = (bank.series @ values[..., None]) - predicted
     scale = np.sqrt(bank.rate / bank.shape * spread)
-    of_t, ratio = 2.0 * bank.shape, error / scale
-    # the smaller tail has all its digits
-    tail = np.clip((bank.weight * scipy.special.stdtr(of_t, -np.abs(ratio))).sum(axis=-1), 1e-300, 0.5)
-    sign = np.sign((bank.weight * ratio).sum(axis=-1))
-    if np.ptp(np.sign(ratio), axis=-1).any():  # structures do not agree on which side of the middle it lies
-        below = (bank.weight * scipy.special.stdtr(of_t, ratio)).sum(axis=-1)
-        tail, sign = np.clip(np.minimum(below, 1.0 - below), 1e-300, 0.5), np.where(below < 0.5, -1.0, 1.0)
-    score = -sign * scipy.special.ndtri(tail)
-
-    together, count = bank.together / bank.degrees, int(known.sum())
-    precision: FloatArray = np.linalg.inv(together).astype(np.float64)
-    if not known.all():  # what the others let expect adds nothing to T²: the marginal law
-        of_known = np.linalg.solve(together[..., known, :][..., known], score[..., known, None])
-        score[..., ~known] = (together[..., ~known, :][..., known] @ of_known)[..., 0]
-    square = np.maximum(np.einsum("...i,...ij,...j->...", score, precision, score), 1e-300)
-    beyond = np.maximum(scipy.special.fdtrc(count, bank.degrees, square / count), 1e-300)
-    as_normal = scipy.special.chdtri(count, beyond)
-    log_density = -np.log(scale) - 0.5 * (of_t + 1.0) * np.log1p(ratio**2 / of_t)
-    log_weight = bank.log_weight + log_density * known[:, None]
-    return Judged(
-        bank,
-        design,
-        decay,
-        cross / spread[:, None],
-        spread,
-        error,
-        scale,
-        score * np.sqrt(as_normal / square)[..., None],
-        as_normal,
-        precision,
-        known,
-        log_weight - np.logaddexp.reduce(log_weight, axis=-1)[..., None],
-    )
+    of_t = 2.0 * bank.shape
+    log_weight = bank.log_weight - np.log(scale) - 0.5 * (of_t + 1.0) * np.log1p((error / scale) ** 2 / of_t)
+    log_weight -= log_sum(log_weight)[..., None]
+    return Judged(bank, design, decay, cross / spread[:, None], spread, error, scale, log_weight)
 
 
 def learn(judged: Judged) -> Bank:
     """Learn a session that has all numbers, of which no more than :data:`LARGEST_LESSON` is believed."""
     bank, gain, spread = judged.bank, judged.gain, judged.spread
     error = np.clip(judged.error, -LARGEST_LESSON * judged.scale, LARGEST_LESSON * judged.scale)
-    score = np.clip(judged.score, -LARGEST_LESSON, LARGEST_LESSON)
-    return Bank(
-        bank.mean + gain * error[..., None],
-        bank.covariance - gain[:, :, None] * gain[:, None, :] * spread[:, None, None],
-        bank.rate + 0.5 * error**2 / spread,
-        judged.log_weight,
-        bank.together + score[..., :, None] * score[..., None, :],
-        bank.n + 1.0,
+    return replace(
+        bank,
+        mean=bank.mean + gain * error[..., None],
+        covariance=bank.covariance - gain[:, :, None] * gain[:, None, :] * spread[:, None, None],
+        rate=bank.rate + 0.5 * error**2 / spread,
+        log_weight=judged.log_weight,
+        n=bank.n + 1.0,
     )
 
 
@@ -206,59 +244,49 @@ class Weighed:
 
     age: FloatArray  # days since it, (…, n_beginnings)
     merged: FloatArray  # logarithm of what others that it stands for add, as a factor, (…, n_beginnings)
-    effect: FloatArray  # of a unit step on what is believed of a number, (…, n_beginnings, p, size of the state)
-    cross: FloatArray  # c, (…, n_beginnings, p)
-    found: FloatArray  # the same of the errors themselves, as large as they are, (…, n_beginnings, p)
-    information: FloatArray  # Λ, (…, n_beginnings, p, p)
+    effect: FloatArray  # of a unit step on what is believed, (…, n_beginnings, n_structures, size of the state)
+    information: FloatArray  # Λ, (…, n_beginnings, n_structures)
+    cross: FloatArray  # c, (…, n_beginnings, n_series, n_structures)
 
     def numbers(self) -> tuple[float, ...]:
         """Return all numbers of one axis, beginning by beginning."""
         n = self.age.size
-        arrays = (self.age, self.merged, self.effect, self.cross, self.found, self.information)
+        arrays = (self.age, self.merged, self.effect, self.information, self.cross)
         return tuple(np.hstack([a.reshape(n, a.size // max(n, 1)) for a in arrays]).ravel().tolist())
 
 
-def weighed_from(numbers: tuple[float, ...], p: int) -> Weighed:
+def weighed_from(numbers: tuple[float, ...], n_series: int) -> Weighed:
     """Return what is weighed of one axis, from its numbers in a row."""
-    rows = np.array(numbers, dtype=np.float64).reshape(-1, 2 + p * (SIZE + 2 + p))
-    age, merged, effect, cross, found, information = np.split(rows, np.cumsum([1, 1, p * SIZE, p, p]), axis=1)
-    return Weighed(age[:, 0], merged[:, 0], effect.reshape(-1, p, SIZE), cross, found, information.reshape(-1, p, p))
+    n = len(STRUCTURES)
+    rows = np.array(numbers, dtype=np.float64).reshape(-1, 2 + n * (SIZE + 1 + n_series))
+    age, merged, effect, information, cross = np.split(rows, np.cumsum([1, 1, n * SIZE, n]), axis=1)
+    return Weighed(age[:, 0], merged[:, 0], effect.reshape(-1, n, SIZE), information, cross.reshape(-1, n_series, n))
 
 
-def none_weighed(p: int, axes: tuple[int, ...] = ()) -> Weighed:
+def none_weighed(n_series: int, axes: tuple[int, ...] = ()) -> Weighed:
     """Return what is weighed before any session is."""
-    return Weighed(*(np.zeros((*axes, 0, *shape)) for shape in ((), (), (p, SIZE), (p,), (p,), (p, p))))
+    n = len(STRUCTURES)
+    return Weighed(*(np.zeros((*axes, 0, *shape)) for shape in ((), (), (n, SIZE), (n,), (n_series, n))))
 
 
-def weigh(weighed: Weighed, judged: Judged, days: float, *, limit: float, learns: bool) -> Weighed:
+def weigh(
+    weighed: Weighed, judged: Judged, days: float, signs: tuple[float, ...], *, limit: float, learns: bool
+) -> Weighed:
     """Weigh one more session, and whether a step began in it; half of the limit of ln R is what it may bring alone."""
-    p = judged.score.shape[-1]
-    age, merged, effect = (
-        _one_more(weighed.age + days, -1),
-        _one_more(weighed.merged, -1),
-        _one_more(weighed.effect, -3),
-    )
-    cross, found = _one_more(weighed.cross, -2), _one_more(weighed.found, -2)
-    information = _one_more(weighed.information, -3)
-    weight = judged.bank.weight
-    effect[..., -1] *= (weight @ judged.decay)[..., None, :]
+    p = len(signs)
+    age, merged = _one_more(weighed.age + days, -1), _one_more(weighed.merged, -1)
+    effect, information = _one_more(weighed.effect, -3), _one_more(weighed.information, -2)
+    effect[..., -1] *= judged.decay
     left = 1.0 - effect @ judged.design
-    seen = left * (weight @ (1.0 / np.sqrt(judged.spread)))[..., None, :]  # of a step, in standard deviations
-    prior = STEP**2 / p
-    largest = (limit + p * np.log1p(prior)) * (1.0 + 1.0 / prior)
-    word = judged.score * np.sqrt(np.minimum(1.0, largest / judged.square))[..., None]
-    scored = (judged.precision @ word[..., None])[..., 0]
-    errors = (judged.precision @ judged.relative[..., None])[..., 0]
+    seen = left / np.sqrt(judged.spread)  # of a step, in standard deviations
+    word = judged.error / judged.scale  # of a number as large as it is
+    combined = limit - 2.0 * _log_density(signs, word.shape[-2] - p)
+    largest = np.sqrt((combined + np.log1p(STEP**2)) * (1.0 + STEP**-2))[:, None]
+    word[..., :-p, :] = np.clip(judged.score[..., :-p, :], -largest, largest)
     if learns:
-        effect = effect + left[..., None] * (weight @ judged.gain)[..., None, :, :]
-    return Weighed(
-        age,
-        merged,
-        effect,
-        cross + seen * scored[..., None, :],
-        found + seen * errors[..., None, :],
-        information + seen[..., :, None] * judged.precision[..., None, :, :] * seen[..., None, :],
-    )
+        effect = effect + left[..., None] * judged.gain
+    cross = _one_more(weighed.cross, -3) + seen[..., :, None, :] * word[..., None, :, :]
+    return Weighed(age, merged, effect, information + seen**2, cross)
 
 
 def _one_more(array: FloatArray, axis: int) -> FloatArray:
@@ -267,89 +295,61 @@ def _one_more(array: FloatArray, axis: int) -> FloatArray:
     return np.concatenate((array, np.zeros(shape)), axis=axis)
 
 
-def posterior_precision(weighed: Weighed, judged: Judged) -> FloatArray:
-    """Return the precision of the step since each beginning, prior included, (…, n_beginnings, p, p)."""
-    p = weighed.cross.shape[-1]
-    return np.asarray(weighed.information + p / STEP**2 * judged.precision[..., None, :, :])
-
-
-@functools.cache
-def directions_of(signs: tuple[float, ...]) -> FloatArray:
-    """Return the directions in which a loss may go, (n_directions, p), where the ways of some numbers are known.
-
-    ``signs``: 1 for a number that rises as preload is lost, -1 for one that falls, 0 where it is not known. Which of
-    them show a loss is not known either: all subsets, in standard deviations alike.
-    """
-    known = [index for index, sign in enumerate(signs) if sign != 0.0]
-    rows = []
-    for chosen in range(1, 2 ** len(known)):
-        row = np.zeros(len(signs))
-        for bit, index in enumerate(known):
-            row[index] = signs[index] if chosen >> bit & 1 else 0.0
-        rows.append(row / np.linalg.norm(row))
-    return np.array(rows).reshape(-1, len(signs))
-
-
 def log_evidence(weighed: Weighed, judged: Judged, signs: tuple[float, ...]) -> FloatArray:
-    """Return by how much a step since each beginning predicts better than none, (…, n_beginnings).
+    """Return by how much a step since each beginning predicts better than none, (…, n_beginnings, n_combinations).
 
-    Where the ways of all numbers are known, along the directions of a loss; where those of some are,
-    :data:`ANY_WAY` of it is for a step of any direction; where none is, all.
+    Of a loss a step upwards, half-normal, of another combination one of either way; over all structures, with the
+    probability of the combination, of which :data:`ANY_WAY` is of those that are none of a loss.
     """
-    directions = directions_of(signs)
-    if not len(directions):
-        return _of_any_step(weighed, judged)
-    of_loss = _of_loss(weighed, directions)
-    if all(signs):
-        return of_loss
-    return np.logaddexp(math.log(ANY_WAY) + _of_any_step(weighed, judged), math.log1p(-ANY_WAY) + of_loss)
+    count, p = n_losses(signs), len(signs)
+    cross, known = weighed.cross[..., :-p, :], weighed.information[..., None, :] + STEP**-2
+    of_structure = 0.5 * cross**2 / known - 0.5 * np.log(STEP**2 * known)
+    of_structure[..., :count, :] += scipy.special.log_ndtr(cross[..., :count, :] / np.sqrt(known))
+    of_all = log_sum(judged.log_weight[..., None, :-p, :] + of_structure)
+    return np.asarray(of_all + _log_density(signs, cross.shape[-2]))
 
 
-def _of_any_step(weighed: Weighed, judged: Judged) -> FloatArray:
-    p = weighed.cross.shape[-1]
-    precision = posterior_precision(weighed, judged)
-    step = np.linalg.solve(precision, weighed.cross[..., None])[..., 0]
-    before = np.linalg.slogdet(p / STEP**2 * judged.precision)[1]
-    grown = np.linalg.slogdet(precision)[1] - before[..., None]
-    return np.asarray(0.5 * ((weighed.cross * step).sum(axis=-1) - grown))
+def _log_density(signs: tuple[float, ...], n_combinations: int) -> FloatArray:
+    """Return what is believed of each combination, of a loss twice, since it goes one way only."""
+    count = n_losses(signs)
+    others = n_combinations - count
+    any_way = 0.0 if not others else ANY_WAY if count else 1.0
+    share = np.repeat([2.0 * (1.0 - any_way) / max(count, 1), any_way / max(others, 1)], [count, others])
+    return np.asarray(np.log(share))
 
 
-def _of_loss(weighed: Weighed, directions: FloatArray) -> FloatArray:
-    along = weighed.cross @ directions.T
-    information = np.einsum("ki,...ij,kj->...k", directions, weighed.information, directions)
-    known = information + STEP**-2
-    of_loss = (
-        0.5 * along**2 / known - 0.5 * np.log(STEP**2 * known)
-        + math.log(2.0) + scipy.special.log_ndtr(along / np.sqrt(known))
-    )  # fmt: skip
-    return np.asarray(np.logaddexp.reduce(of_loss, axis=-1) - math.log(len(directions)))
+def step_of(weighed: Weighed, judged: Judged, which: int, series: int) -> float:
+    """Return the step of a combination since a beginning, in its σ."""
+    weight = np.exp(judged.log_weight[series])
+    return float(weight @ (weighed.cross[which, series] / (weighed.information[which] + STEP**-2)))
 
 
-def step_since(
-    weighed: Weighed, judged: Judged, which: int, each: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def changes_since(weighed: Weighed, judged: Judged, each: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the step of each number of one axis, its uncertainty, both in σ, and its share of the evidence.
 
-    Step and uncertainty are over all beginnings, weighted by what they say: when it began is not known for certain. The
-    shares are the squares of c of one of them, whitened so that each number keeps as much of itself as can be.
+    Step and uncertainty are over all structures and beginnings, weighted by what they say: when it began is not
+    known for certain. The shares are the squares of the steps, whitened so that each number keeps as much as can be.
     """
-    weight = np.exp(each - np.logaddexp.reduce(each))
-    covariance = np.linalg.inv(weighed.information)  # without the prior, which would make large steps small
-    steps = (covariance @ weighed.found[..., None])[..., 0]
-    step: FloatArray = weight @ steps
-    variance = weight @ (np.diagonal(covariance, axis1=-2, axis2=-1) + (steps - step) ** 2)
-    precision, cross = posterior_precision(weighed, judged)[which], weighed.cross[which]
-    deviation = np.sqrt(np.diagonal(precision))
-    length, axes = np.linalg.eigh(precision / np.outer(deviation, deviation))
-    white = (axes / np.sqrt(length)) @ axes.T @ (cross / deviation)
+    p = judged.bank.correlation.shape[-1]
+    began = np.exp(each - log_sum(each))
+    information, cross = weighed.information[:, None, :], weighed.cross[:, -p:]
+    known = information + STEP**-2
+    of_structure = judged.log_weight[-p:] + 0.5 * cross**2 / known - 0.5 * np.log(known)
+    of_structure -= log_sum(of_structure)[..., None]
+    weight = began[:, None, None] * np.exp(of_structure)
+    steps = cross / information  # without the prior, which would make large steps small
+    step: FloatArray = (weight * steps).sum(axis=(0, 2))
+    variance = (weight * (1.0 / information + (steps - step[:, None]) ** 2)).sum(axis=(0, 2))
+    length, axes = np.linalg.eigh(judged.bank.correlation)
+    white = (axes / np.sqrt(length)) @ axes.T @ step
     return step, np.sqrt(variance), white**2 / float(white @ white)
 
 
-def without_step(bank: Bank, weighed: Weighed, judged: Judged, which: int) -> Bank:
+def without_step(bank: Bank, weighed: Weighed, which: int) -> Bank:
     """Give back what the filter has taken of a step since a beginning for level, season or dependence."""
-    step = np.linalg.solve(posterior_precision(weighed, judged)[which], weighed.cross[which])
-    taken = weighed.effect[which] * (step * bank.scatter)[:, None]
-    return replace(bank, mean=bank.mean - taken[:, None, :])
+    step = weighed.cross[which] / (weighed.information[which] + STEP**-2)
+    step = step * np.sqrt(bank.rate / bank.shape)
+    return replace(bank, mean=bank.mean - weighed.effect[which] * step[..., None])
 
 
 def thinned(weighed: Weighed, each: FloatArray) -> tuple[Weighed, int | None]:
@@ -377,7 +377,7 @@ def thinned(weighed: Weighed, each: FloatArray) -> tuple[Weighed, int | None]:
         return np.take_along_axis(array, left.reshape(*left.shape, *(1,) * further), -1 - further)
 
     arrays = (those(array) for array in (
-        age, merged, weighed.effect, weighed.cross, weighed.found, weighed.information
+        age, merged, weighed.effect, weighed.information, weighed.cross
     ))  # fmt: skip
     return Weighed(*arrays), int(gone[0]) if gone.ndim == 1 else None
 
@@ -393,18 +393,20 @@ def evidence_of_histories(
     n_axes, n_sessions, p = values.shape
     baseline = values[:, :n_baseline]
     values = (values - baseline.mean(axis=1)[:, None]) / baseline.std(axis=1, ddof=1)[:, None]
-    bank, weighed, known = begin(p, (n_axes,)), none_weighed(p, (n_axes,)), np.ones(p, dtype=bool)
-    found, signs = np.full((n_axes, n_sessions), np.nan), signs or (0.0,) * p
+    signs = signs or (0.0,) * p
+    bank = begin(correlation_of(values[:, :n_baseline]), signs)
+    weighed, known = none_weighed(bank.series.shape[-2], (n_axes,)), np.ones(p, dtype=bool)
+    found = np.full((n_axes, n_sessions), np.nan)
     for session in range(n_sessions):
         days = float(session > 0)
         judged = judge(bank, design_row(session / 365.25), days, values[:, session], known)
         bank = learn(judged)
         if session < n_baseline:
             continue
-        weighed = weigh(weighed, judged, days, limit=limit, learns=True)
-        each = log_evidence(weighed, judged, signs)
+        weighed = weigh(weighed, judged, days, signs, limit=limit, learns=True)
+        each = log_sum(log_evidence(weighed, judged, signs))
         if weighed.age.shape[-1] > 1:
-            found[:, session] = np.logaddexp.reduce((each + weighed.merged)[:, :-1], axis=-1)
+            found[:, session] = log_sum((each + weighed.merged)[:, :-1])
         weighed, _ = thinned(weighed, each)
     return found
 

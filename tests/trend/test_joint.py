@@ -14,6 +14,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import DetectorSettings, LossDirection, Observation, design_detector, reset, step
 from monitor_core.trend.joint import (
     JOINT_SHARE,
+    SESSIONS_PER_NUMBER,
     JointEvidence,
     JointObservation,
     JointState,
@@ -21,7 +22,15 @@ from monitor_core.trend.joint import (
     joint_reset,
     joint_step,
 )
-from monitor_core.trend.joint_filter import begin, design_row, evidence_of_histories, judge, learn
+from monitor_core.trend.joint_filter import (
+    begin,
+    design_row,
+    evidence_of_histories,
+    judge,
+    learn,
+    n_losses,
+    series_of,
+)
 from monitor_core.trend.state import DetectorState
 
 Array = npt.NDArray[np.float64]
@@ -60,43 +69,43 @@ def test_four_modes_of_a_bridge_together_tell_its_damaged_day_and_leave_its_heal
 # --- laws
 
 
-def test_t_square_of_few_sessions_is_no_more_often_large_than_its_law_says() -> None:
-    """Numbers of any correlation, baselines of twenty: beyond the .99 quantile lie no more than a hundredth."""
+def test_combinations_are_the_discriminants_of_their_directions() -> None:
+    """Unit scatter, and the largest distance that any combination has: sqrt(dᵀ Ω⁻¹ d), after Mahalanobis."""
     rng = np.random.default_rng(20261129)
-    beyond = count = 0
-    for p in (2, 4):
-        mixing = rng.normal(size=(100, p, p))
-        values = np.einsum("anj,aij->ani", rng.normal(size=(100, 30, p)), mixing)
-        values = (values - values[:, :20].mean(axis=1)[:, None]) / values[:, :20].std(axis=1)[:, None]
-        bank, known = begin(p, (100,)), np.ones(p, dtype=bool)
-        for day in range(30):
-            judged = judge(bank, design_row(day / 365.0), float(day > 0), values[:, day], known)
-            bank = learn(judged)
-            if day >= 20:
-                beyond += int((judged.square > scipy.stats.chi2(p).ppf(0.99)).sum())
-                count += 100
-    assert beyond <= scipy.stats.binom(count, 0.01).ppf(0.999)
-    assert beyond > 0
+    mixing = np.linalg.cholesky(_correlation_of(rng, 3))
+    correlation = mixing @ mixing.T
+    series = series_of(correlation, (-1.0, -1.0, 0.0))
+    scatter = np.einsum("ki,ij,kj->k", series, correlation, series)
+    assert scatter == pytest.approx(np.ones(len(series)))
+    # of a step along d, the combination of d has the largest distance of all: sqrt(d' Ω^-1 d)
+    for row, direction in zip(series, ([-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [-1.0, -1.0, 0.0]), strict=False):
+        along = np.array(direction)
+        assert float(row @ along) == pytest.approx(math.sqrt(along @ np.linalg.solve(correlation, along)))
 
 
-def test_what_a_session_lacks_is_left_out_of_its_t_square() -> None:
-    """Compared with the quadratic form of the other numbers alone, of the law of as many numbers."""
+def test_what_a_session_lacks_leaves_the_combination_of_the_others() -> None:
+    """Compared with the discriminant of the other numbers alone."""
     rng = np.random.default_rng(7)
-    bank, known = begin(3), np.ones(3, dtype=bool)
-    mixing = rng.normal(size=(3, 3))
+    mixing = np.linalg.cholesky(_correlation_of(rng, 3))
+    correlation, signs = np.asarray(mixing @ mixing.T), (-1.0, 1.0, -1.0)
+    bank, known = begin(correlation, signs), np.ones(3, dtype=bool)
     for day in range(25):
         judged = judge(bank, design_row(day / 365.0), float(day > 0), mixing @ rng.normal(size=3), known)
         bank = learn(judged)
     values, some = np.array([1.0, -2.0, 0.5]), np.array([True, False, True])
-    whole, part = (judge(bank, design_row(25 / 365.0), 1.0, values, mask) for mask in (known, some))
-    raw = whole.score * math.sqrt(_square_of_t(float(whole.square), 3, bank.degrees) / float(whole.square))
-    covariance = (bank.together / bank.degrees)[np.ix_(some, some)]
-    expected = raw[some] @ np.linalg.solve(covariance, raw[some])
-    assert _square_of_t(float(part.square), 2, bank.degrees) == pytest.approx(expected, rel=1e-9)
-
-
-def _square_of_t(as_chi_square: float, count: int, degrees: float) -> float:
-    return count * float(scipy.stats.f(count, degrees).isf(scipy.stats.chi2(count).sf(as_chi_square)))
+    lacking = judge(bank, design_row(25 / 365.0), 1.0, values, some)
+    whole = judge(bank, design_row(25 / 365.0), 1.0, values, np.ones(3, dtype=bool))
+    numbers = (whole.bank.weight[-3:] * whole.error[-3:]).sum(axis=-1)
+    direction = np.array([-1.0, 0.0, -1.0])
+    of_others = np.linalg.solve(correlation[np.ix_(some, some)], numbers[some]) @ direction[some]
+    # of all three the one of the first and the third: the second adds nothing, whatever it was
+    best = np.linalg.solve(correlation, direction)
+    filled = numbers.copy()
+    filled[1] = correlation[1, some] @ np.linalg.solve(correlation[np.ix_(some, some)], numbers[some])
+    assert best @ filled == pytest.approx(of_others)
+    change = (lacking.error - whole.error)[: n_losses(signs), 0]
+    expected = bank.series[: n_losses(signs)] @ (filled - numbers)
+    assert change == pytest.approx(expected)
 
 
 def _autoregression(correlation: float, shape: tuple[int, int], rng: np.random.Generator) -> Array:
@@ -106,12 +115,13 @@ def _autoregression(correlation: float, shape: tuple[int, int], rng: np.random.G
     return errors
 
 
-def _alarms_to_expected(values: Array, rate: float) -> tuple[int, float]:
+def _alarms_to_expected(values: Array, rate: float, signs: tuple[float, ...] = ()) -> tuple[int, float]:
     """Return first alarms of healthy histories, and how many the stated rate lets expect until they come."""
     limit = math.log(365.0 / rate)
-    alarmed = evidence_of_histories(values, 20, limit) > limit
+    baseline = max(20, SESSIONS_PER_NUMBER * values.shape[-1])
+    alarmed = evidence_of_histories(values, baseline, limit, signs) > limit
     first = np.where(alarmed.any(axis=1), alarmed.argmax(axis=1), values.shape[1])
-    return int(alarmed.any(axis=1).sum()), float((first - 20).sum()) * rate / 365.0
+    return int(alarmed.any(axis=1).sum()), float((first - baseline).sum()) * rate / 365.0
 
 
 @pytest.mark.parametrize(
@@ -133,6 +143,17 @@ def test_correlated_numbers_alarm_no_oftener_than_stated(p: int, correlation: fl
     rng = np.random.default_rng([seed, p, int(10 * correlation)])
     independent = np.stack([_autoregression(correlation, (200, 385), rng) for _ in range(p)], axis=-1)
     alarms, expected = _alarms_to_expected(np.einsum("anj,aij->ani", independent, rng.normal(size=(200, p, p))), 4.0)
+    assert alarms <= scipy.stats.poisson(expected).ppf(0.999)
+
+
+def _common_cause(correlation: float, own: float, shape: tuple[int, int], rng: np.random.Generator) -> Array:
+    """Return two numbers that a cause moves which nobody measures, each with a scatter of its own beside it."""
+    return np.asarray(_autoregression(correlation, shape, rng)[..., None] + own * rng.normal(size=(*shape, 2)))
+
+
+def test_a_slow_cause_of_all_numbers_raises_no_more_alarms_than_stated() -> None:
+    values = _common_cause(0.95, 0.5, (60, 200), np.random.default_rng(29))
+    alarms, expected = _alarms_to_expected(values, 4.0, (-1.0, -1.0))
     assert alarms <= scipy.stats.poisson(expected).ppf(0.999)
 
 
@@ -216,14 +237,14 @@ def test_numbers_that_come_and_go_are_not_watched_and_a_lone_one_never_is() -> N
 def test_a_session_that_lacks_a_number_is_judged_by_the_others_says_so_and_teaches_nothing() -> None:
     rng = np.random.default_rng(10)
     values = rng.normal(size=(40, 3))
-    values[30, 1] = np.nan
+    values[35, 1] = np.nan
     states = _watched(values, ("a", "b", "c"))
-    assert states[30].missing == ("b",)
-    assert states[30].chart.log_evidence is not None
-    assert states[30].learnt is not None
-    assert states[31].learnt is not None
-    assert states[31].learnt.n_sessions == states[30].learnt.n_sessions
-    assert states[31].missing == ()
+    assert states[35].missing == ("b",)
+    assert states[35].chart.log_evidence is not None
+    assert states[35].learnt is not None
+    assert states[36].learnt is not None
+    assert states[36].learnt.n_sessions == states[35].learnt.n_sessions
+    assert states[36].missing == ()
 
 
 def test_one_session_however_far_off_does_not_alarm_alone() -> None:
@@ -318,9 +339,10 @@ def test_a_loss_shows_sooner_in_all_numbers_together_than_in_the_best_of_them(se
     limit, signs = math.log(365.0 / rate), (-1.0, 1.0, 0.0, -1.0)
     rng = np.random.default_rng(seed)
     axes = np.array([_axis(days, np.where(np.arange(days) < at, 0.0, 0.1), rng) for _ in range(n_axes)])
-    alarmed = evidence_of_histories(axes, 20, limit, signs) > limit
+    baseline = SESSIONS_PER_NUMBER * axes.shape[-1]
+    alarmed = evidence_of_histories(axes, baseline, limit, signs) > limit
     early = alarmed[:, :at].any(axis=1)
-    assert early.sum() <= scipy.stats.poisson(n_axes * (at - 20) * rate / 365.0).ppf(0.999)
+    assert early.sum() <= scipy.stats.poisson(n_axes * (at - baseline) * rate / 365.0).ppf(0.999)
     together = np.where(alarmed[:, at:].any(axis=1), alarmed[:, at:].argmax(axis=1) + 1, days - at)[~early]
     fall, rise = LossDirection.FALL, LossDirection.RISE
     singles = np.array([

@@ -112,7 +112,7 @@ def _with_numbers(member: object, name: str, of: Callable[[FloatArray], object])
 _STATE = StoredRecord(
     "state of the charts",
     _ADAPTER,
-    version=9,  # the frequency that is watched together with others is the whole one, not its preload feature
+    version=10,  # combinations of several numbers are watched
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
     packed=_packed,
     unpacked=_unpacked,

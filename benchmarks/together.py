@@ -1,0 +1,66 @@
+"""Find how often several numbers of healthy axes, watched together, raise false alarms, against the rate of that chart.
+
+``python -m benchmarks.together 50 4 indep own c95``: axes of two years, seed, rows. In ``c95`` both numbers follow a
+cause that nobody measures, an autoregression of 0.95 from day to day, each with noise of half its size beside it.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.trend.joint import JOINT_SHARE
+from monitor_core.trend.joint_filter import evidence_of_histories
+
+Array = npt.NDArray[np.float64]
+_DAYS, _BASELINE = 750, 20
+
+
+def _autoregression(correlation: float, n_axes: int, rng: np.random.Generator) -> Array:
+    errors = rng.normal(size=(n_axes, _DAYS))
+    for day in range(1, _DAYS):
+        errors[:, day] = correlation * errors[:, day - 1] + math.sqrt(1.0 - correlation**2) * errors[:, day]
+    return errors
+
+
+def _independent(n_axes: int, rng: np.random.Generator) -> Array:
+    return rng.normal(size=(n_axes, _DAYS, 2))
+
+
+def _correlated(n_axes: int, rng: np.random.Generator) -> Array:
+    both = np.stack([_autoregression(0.6, n_axes, rng) for _ in range(2)], axis=-1)
+    return np.asarray(np.einsum("anj,aij->ani", both, rng.normal(size=(n_axes, 2, 2))))
+
+
+def _each_its_own(n_axes: int, rng: np.random.Generator) -> Array:
+    return np.stack([_autoregression(correlation, n_axes, rng) for correlation in (0.0, 0.9)], axis=-1)
+
+
+def _common(correlation: float) -> Callable[[int, np.random.Generator], Array]:
+    def drawn(n_axes: int, rng: np.random.Generator) -> Array:
+        return _autoregression(correlation, n_axes, rng)[..., None] + 0.5 * rng.normal(size=(n_axes, _DAYS, 2))
+
+    return drawn
+
+
+ROWS = {"indep": _independent, "ar6": _correlated, "own": _each_its_own, "c8": _common(0.8), "c95": _common(0.95)}
+
+
+def main() -> None:
+    """Print alarms found, alarms that the rate lets expect until they come, and their ratio."""
+    n_axes, seed = int(sys.argv[1]), int(sys.argv[2])
+    limit = math.log(365.0 / JOINT_SHARE)
+    for row in sys.argv[3:]:
+        values = ROWS[row](n_axes, np.random.default_rng([seed, sum(map(ord, row)), 2]))
+        alarmed = evidence_of_histories(values, _BASELINE, limit, (-1.0, -1.0)) > limit
+        found = alarmed.any(axis=1)
+        first = np.where(found, alarmed.argmax(axis=1), _DAYS)
+        expected = float((first - _BASELINE).sum()) * JOINT_SHARE / 365.0
+        n = int(found.sum())
+        print(f"{row}: {n} alarms, {expected:.1f} expected, {n / expected:.2f} ± {math.sqrt(max(n, 1)) / expected:.2f}")
+
+
+if __name__ == "__main__":
+    main()
