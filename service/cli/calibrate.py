@@ -27,7 +27,6 @@ from monitor_core.recordings.calibration_file import (
     write_calibration,
 )
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.recordings.model_file import read_model_file
 from monitor_core.session import calibrate_judged, excitation_remarks, judge_session, modes_at_set_preloads
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.data import (
@@ -41,7 +40,6 @@ from service.cli.inputs.data import (
     map_option,
     opened_session,
 )
-from service.cli.inputs.model import model_at
 from service.cli.options import json_option
 from service.cli.output import print_json, print_line, print_table
 from service.cli.targets import require_target
@@ -179,7 +177,10 @@ def _from_model(
     excitation_source: str | None,
 ) -> Calibration:
     """Join what a drive model lets expect with measurements, of preloads that were set, or of one that nobody set."""
-    from monitor_core.identification import prior_of_drive, usual_preload_of  # noqa: PLC0415  # takes a second
+    # models take a second to import
+    from monitor_core.identification import prior_of_drive, usual_preload_of  # noqa: PLC0415
+    from monitor_core.recordings.model_file import read_model_file  # noqa: PLC0415
+    from service.cli.inputs.model import model_at  # noqa: PLC0415
 
     axis, settings = read_model_file(model_at(model_file)), axis_settings(band_hz, mass)
     if data.is_session:
