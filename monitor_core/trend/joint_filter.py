@@ -45,7 +45,9 @@ def correlation_of(values: FloatArray) -> FloatArray:
     n, p = new.shape[-2:]
     together = new.swapaxes(-1, -2) @ new
     deviation = np.sqrt(np.diagonal(together, axis1=-2, axis2=-1))
+    deviation = np.where(deviation > 0.0, deviation, 1.0)  # what stays as it is goes with nothing
     correlation = together / (deviation[..., :, None] * deviation[..., None, :])
+    correlation[..., range(p), range(p)] = 1.0
     return np.asarray((n * correlation + WORTH * np.eye(p)) / (n + WORTH))
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
 from fastapi.responses import StreamingResponse
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.access import needs
 from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
@@ -14,7 +14,7 @@ from service.api.services import ServicesOf
 from service.documents.said import in_english
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment, RequestModel
-from service.operations.monitoring.lost_motion import MOST_AT_ONCE, LostMotionIn
+from service.operations.monitoring.lost_motion import EXAMPLE, MOST_AT_ONCE, LostMotionIn
 from service.store.trend.lost_motion import LostMotionReading
 from service.store.trend.points import Span
 
@@ -23,6 +23,8 @@ router = APIRouter(prefix="/v1", tags=["lost motion"])
 
 class LostMotionsIn(RequestModel):
     """Readings of an axis, in any order."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"readings": [EXAMPLE]}]})
 
     readings: Annotated[list[LostMotionIn], Field(min_length=1, max_length=MOST_AT_ONCE)]
 

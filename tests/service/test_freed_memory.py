@@ -57,10 +57,10 @@ def test_samples_of_a_request_are_freed_without_the_collector(tmp_path: Path, mo
         api.register("axis", windows_per_measurement=4)
         gc.disable()
         try:
-            for name, start in (("m1", START), ("m2", START + timedelta(days=1))):
+            for name, start in (("first-taken", START), ("taken-next", START + timedelta(days=1))):
                 api.accept("axis", simulated_measurement(rng, name, n_windows=4, started_at=start), complete=True)
             # while the second was taken, the first was let go
             held = {item.measurement for item in gc.get_objects() if type(item) is Window}
         finally:
             gc.enable()
-    assert "m1" not in held
+    assert "first-taken" not in held

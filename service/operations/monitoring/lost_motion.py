@@ -13,6 +13,7 @@ from itertools import zip_longest
 from typing import Annotated, Final
 
 from pydantic import ConfigDict, Field, model_validator
+from pydantic.config import JsonDict
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
@@ -63,20 +64,17 @@ Micrometres = Annotated[Number, Field(ge=-1e6, le=1e6)]
 Ends = tuple[Micrometres, Micrometres]
 
 
+EXAMPLE: JsonDict = {
+    "at": "2026-03-02T06:00:00Z", "measurement": "slow", "position_mm": 563.8,
+    "reversal_value_um": 7.54, "reversal_value_standard_uncertainty_um": 0.02,
+    "reversal_value_interval_95_um": [7.49, 7.59], "play_interval_95_um": [4.6, 5.4], "n_reversals": 9,
+}  # fmt: skip
+
+
 class LostMotionIn(RequestModel):
     """Lost motion at the reversals of one log, as `preload lost-motion --json` gives it."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "examples": [
-                {
-                    "at": "2026-03-02T06:00:00Z", "measurement": "slow", "position_mm": 563.8,
-                    "reversal_value_um": 7.54, "reversal_value_standard_uncertainty_um": 0.02,
-                    "reversal_value_interval_95_um": [7.49, 7.59], "play_interval_95_um": [4.6, 5.4], "n_reversals": 9,
-                }
-            ]
-        },
-    )  # fmt: skip
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE]})
 
     at: Annotated[Moment, Field(description="when the log began; with the axis it tells one reading from another")]
     measurement: Label
