@@ -44,6 +44,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import joint_filter
 from monitor_core.trend.belief import DAY, KELVIN, YEAR, change_in_a_day
 from monitor_core.trend.charts import SESSIONS_PER_YEAR, DetectorDesign, LossDirection
+from monitor_core.trend.detector import LEVEL_SIZE, RELEASE_COUNT, RELEASE_FRACTION, WHOLE
 from monitor_core.trend.joint_filter import Bank, Judged, bank_from, judge, weighed_from
 from monitor_core.trend.observation import SESSION
 from monitor_core.uncertainty import Estimate
@@ -52,16 +53,11 @@ from monitor_core.uncertainty import Estimate
 KNOWN = 0.9
 #: A baseline holds so many sessions for each number: of fewer the combinations fit its scatter, and alarm too often.
 SESSIONS_PER_NUMBER = 10
-#: So many sessions tell the level again after an inspection.
-LEVEL_SIZE = 10
-#: A session is judged as soon as it has so large a part of the measurements that others had, or when it is over.
-WHOLE = 0.9
 #: Of the false alarms stated for an axis, so many may come on top from the numbers together.
 JOINT_SHARE = 0.2
-#: An alarm ends when the weighted mean of the sessions, of which the newest has this weight, ...
+#: An alarm ends, as those of one number do, when the weighted mean of the sessions has so often in a row less than a
+#: fraction of the step that raised it; the newest session has this weight in it.
 NEWEST = 0.2
-#: ... has so often in a row less than this of the step that raised it.
-RELEASE_COUNT, RELEASE_FRACTION = 3, 0.5
 _SIGNS = {LossDirection.RISE: 1.0, LossDirection.FALL: -1.0, None: 0.0}
 
 

@@ -1,5 +1,7 @@
 """Query axes, and the log of what was done to them."""
 
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple
@@ -154,6 +156,11 @@ def standing_entries(log: list[MaintenanceRow]) -> list[MaintenanceRow]:
 def lubrications_of(connection: Connection, axis_id: str) -> list[datetime]:
     """Return when an axis was lubricated, by the entries of its log that no other one corrects, in order of time."""
     return list(connection.scalars(_ENTRIES, {"axis_id": axis_id, "kinds": [LUBRICATED]}))
+
+
+def was_lubricated(lubrications: Sequence[datetime], after: datetime | None, until: datetime) -> bool:
+    """Tell whether an axis was lubricated between two moments, of which the earlier one may be none."""
+    return after is not None and bisect_right(lubrications, until) > bisect_right(lubrications, after)
 
 
 def renewals_of(connection: Connection, axis_id: str) -> list[datetime]:

@@ -1,10 +1,11 @@
 """Change alarms: each change is stored as an event, with a notice for receivers."""
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import datetime
 from functools import partial
 from itertools import zip_longest
+from typing import TypeVar
 
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
@@ -20,6 +21,8 @@ from service.store import alarms
 from service.store.intake import AxisRecord
 from service.store.notices import add_notice
 from service.store.tables import AlarmEventRow, AlarmRow
+
+T = TypeVar("T")
 
 #: What the charts find.
 PRELOAD_LOSS = "preload-loss"
@@ -73,14 +76,22 @@ def _paired(session: Session, axis: AxisRecord, folded: Folded) -> Iterator[tupl
     """Return the stored alarms of what was folded beside those that the charts raise, in order within each epoch."""
     after = folded.again_after
     earlier = alarms.raised_after(session, axis.id, folded.since_epoch, after) if folded.again else []
-    stood, raised = defaultdict(list), defaultdict(list)
-    for row in earlier:
-        stood[_epoch_at(folded, row.measured_at)].append(row)
-    for alarm in folded.raised:
-        raised[alarm.point.epoch].append(alarm)
-    for epoch in sorted({*stood, *raised}):
-        for stored, now_raised in zip_longest(stood[epoch], raised[epoch]):
-            yield epoch, stored, now_raised
+    stood = [(_epoch_at(folded, row.measured_at), row) for row in earlier]
+    return in_order(stood, [(alarm.point.epoch, alarm) for alarm in folded.raised])
+
+
+def in_order(
+    stood: Iterable[tuple[int, AlarmRow]], raised: Iterable[tuple[int, T]]
+) -> Iterator[tuple[int, AlarmRow | None, T | None]]:
+    """Return stored alarms beside those that a chart raises, epoch by epoch: in order within each they are the same."""
+    stored, now_raised = defaultdict[int, list[AlarmRow]](list), defaultdict[int, list[T]](list)
+    for epoch, row in stood:
+        stored[epoch].append(row)
+    for epoch, alarm in raised:
+        now_raised[epoch].append(alarm)
+    for epoch in sorted({*stored, *now_raised}):
+        for pair in zip_longest(stored[epoch], now_raised[epoch]):
+            yield epoch, *pair
 
 
 def _epoch_at(folded: Folded, moment: datetime) -> int:

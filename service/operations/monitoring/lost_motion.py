@@ -5,11 +5,9 @@ arrives late folds the chart again from the first one, so that any order of arri
 """
 
 from bisect import bisect_right
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from itertools import zip_longest
 from typing import Annotated, Final
 
 from pydantic import ConfigDict, Field, model_validator
@@ -25,12 +23,12 @@ from service.documents.lost_motion import LostMotionStanding, lost_motion_eviden
 from service.errors import ConflictError, InvalidRequestError
 from service.json_types import JsonObject
 from service.operations.fields import Label, Moment, Number, Position, RequestModel, Temperature
-from service.operations.monitoring.alarm_changes import add_alarm, change_alarm, raise_again
+from service.operations.monitoring.alarm_changes import add_alarm, change_alarm, in_order, raise_again
 from service.operations.monitoring.axis_configuration import load_configuration
 from service.operations.monitoring.intake.admission import MOST_AHEAD
 from service.operations.monitoring.intake.chart_state import dump_state, is_outdated_state, load_design, load_state
 from service.store import alarms, intake
-from service.store.axes import get_axis, list_axes, lubrications_of, renewals_of
+from service.store.axes import get_axis, list_axes, lubrications_of, renewals_of, was_lubricated
 from service.store.database import Database
 from service.store.intake import AxisRecord
 from service.store.tables import AlarmRow, AxisRow
@@ -285,9 +283,10 @@ def _chart(
     design = load_design(intake.read_charts(connection, axis).detector_design)
     chart, newest = read_chart(connection, axis.number), newest_reading(connection, axis.number)
     again = new is None or chart is None or newest is None or is_outdated_state(chart.state) or new[0].at <= newest.at
-    save_readings(connection, axis.number, new or ())
-    if again or chart is None or new is None:
-        state, place, before, new = DetectorState(), None, None, readings_of(connection, axis.number, Span())
+    stored, new = list[LostMotionReading](), new or ()
+    if again or chart is None:
+        stored = readings_of(connection, axis.number, Span())
+        state, place, before, new = DetectorState(), None, None, sorted((*stored, *new), key=_in_time)
     else:
         state, place, before = load_state(chart.state).detector, chart.place_mm, newest
     judged, raised = list[LostMotionReading](), list[_Raised]()
@@ -298,21 +297,17 @@ def _chart(
         was, charted = state, place is None or abs(reading.position_mm - place) <= SAME_PLACE_MM
         if charted:
             place = reading.position_mm if place is None else place
-            lubricated = before is not None and _any_between(beginnings.lubricated, before.at, reading.at)
+            lubricated = was_lubricated(beginnings.lubricated, None if before is None else before.at, reading.at)
             state = step(state, _observation(reading, lubricated=lubricated), design)
         before = replace(reading, state=str(state.status), uncharted=None if charted else OTHER_PLACE)
         judged.append(before)
         if state.alarm is not None and was.alarm is None:
             epoch = bisect_right(beginnings.moments, reading.at)
             raised.append(_Raised(before, lost_motion_evidence(before, state), epoch))
-    save_readings(connection, axis.number, judged)
+    save_readings(connection, axis.number, {*judged}.difference(stored))
     save_chart(connection, LostMotionChart(axis.number, dump_state(AxisState(detector=state)), place))
     if settles and (raised or again):
         _settle(connection, axis, raised, beginnings, again=again, because_of=because_of)
-
-
-def _any_between(moments: Sequence[datetime], after: datetime, until: datetime) -> bool:
-    return bisect_right(moments, until) > bisect_right(moments, after)
 
 
 def _observation(reading: LostMotionReading, *, lubricated: bool) -> Observation:
@@ -328,20 +323,16 @@ def _settle(
 ) -> None:  # fmt: skip
     """Store the alarms that the chart raises; of a chart that was folded again they are the same ones in order."""
     with Session(connection) as session:
-        stood, now_raised = defaultdict[int, list[AlarmRow]](list), defaultdict[int, list[_Raised]](list)
-        for row in alarms.of_lost_motion(session, axis.id) if again else ():
-            stood[bisect_right(beginnings.moments, row.measured_at)].append(row)
-        for alarm in raised:
-            now_raised[alarm.epoch].append(alarm)
-        for epoch in sorted({*stood, *now_raised}):
-            for row, alarm in zip_longest(stood[epoch], now_raised[epoch]):
-                if row is None:
-                    add_alarm(session, _row(axis, alarm), "raised by lost motion")
-                elif alarm is None:
-                    change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the chart raises none")
-                else:
-                    row.epoch = epoch
-                    raise_again(session, row, (None, alarm.reading.at), alarm.evidence, because_of)
+        earlier = alarms.of_lost_motion(session, axis.id) if again else ()
+        stood = [(bisect_right(beginnings.moments, row.measured_at), row) for row in earlier]
+        for epoch, row, alarm in in_order(stood, [(alarm.epoch, alarm) for alarm in raised]):
+            if row is None and alarm is not None:
+                add_alarm(session, _row(axis, alarm), "raised by lost motion")
+            elif row is not None and alarm is not None:
+                row.epoch = epoch
+                raise_again(session, row, (None, alarm.reading.at), alarm.evidence, because_of)
+            elif row is not None:
+                change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the chart raises none")
         session.commit()  # hands it to the connection
 
 

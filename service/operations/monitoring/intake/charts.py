@@ -6,7 +6,6 @@ they enter the epochs that a person began: another calibration, an inspection, a
 """
 
 import math
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +35,7 @@ from service.operations.monitoring.intake.chart_state import (
     load_state,
     session_record,
 )
-from service.store.axes import lubrications_of
+from service.store.axes import lubrications_of, was_lubricated
 from service.store.calibrations import CalibrationsInForce
 from service.store.intake import AxisRecord, ChartsRecord
 from service.store.tables import CountsByReason
@@ -328,7 +327,7 @@ class _Fold:
         point = _comparable(before, point, calibration)
         charted = point.uncharted is None and _feature_of(point, calibration) is not None
         if charted:
-            lubricated = self._is_lubricated(before.detector.last_at, point.at)
+            lubricated = was_lubricated(self._lubricated, before.detector.last_at, point.at)
             self._state = _advanced(before, point, calibration, self._design, lubricated=lubricated)
             self._session_of[point.measurement_id] = self._state.places_since
             self._watched.add(self._charts.epoch)
@@ -364,10 +363,6 @@ class _Fold:
         if self._charts.since_checkpoint >= CHECKPOINT_EVERY:
             self._keep_checkpoint(point.at)
         return point
-
-    def _is_lubricated(self, after: datetime | None, until: datetime) -> bool:
-        """Tell whether the log says that the axis was lubricated between two measurements."""
-        return after is not None and bisect_right(self._lubricated, until) > bisect_right(self._lubricated, after)
 
     def _with_places(self, points: Sequence[TrendPoint], begun: Mapping[datetime, str | None]) -> list[TrendPoint]:
         """Say of each point how the places of its session disagree, and of those that it had when the fold began."""
