@@ -6,6 +6,16 @@ from typing import Literal, TypeAlias, TypedDict
 Document: TypeAlias = Mapping[str, object]
 
 
+class LostMotionNow(TypedDict):
+    """The newest lost motion of an axis, and the state of its chart."""
+
+    measured_at: str
+    reversal_value_um: float
+    reversal_value_interval_95_um: tuple[float, float]
+    state: str
+    valid_until: str | None
+
+
 class Axis(TypedDict):
     """An axis and how it stands."""
 
@@ -21,6 +31,7 @@ class Axis(TypedDict):
     uncharted: Mapping[str, int]
     open_alarms: int
     preload_left: Document | None
+    lost_motion: LostMotionNow | None
     stale: Document | None
     archived_at: str | None
 

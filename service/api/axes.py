@@ -63,6 +63,19 @@ class PreloadLeftOut(AnswerModel):
     interval_95: tuple[float | None, float | None]
 
 
+class LostMotionNowOut(AnswerModel):
+    """The newest lost motion of an axis, and how its chart stands."""
+
+    measured_at: datetime
+    reversal_value_um: float
+    reversal_value_interval_95_um: tuple[float, float]
+    state: str
+    valid_until: Annotated[
+        datetime | None,
+        Field(description="without a further reading the state is unknown from then on; null: it is, or an alarm"),
+    ]
+
+
 def _document(measured: StoredMeasurement | JsonObject | None) -> JsonObject | None:
     return measured.document() if isinstance(measured, StoredMeasurement) else measured
 
@@ -84,6 +97,7 @@ class AxisOut(ViewModel):
     preload_left: Annotated[
         PreloadLeftOut | None, Field(description="of the commissioned preload; null if it or the preload is not known")
     ]
+    lost_motion: Annotated[LostMotionNowOut | None, Field(description="null: never measured")]
     stale: Annotated[StaleOut | None, Field(description="while the history is judged anew: by which job")]
     archived_at: datetime | None
 

@@ -32,7 +32,7 @@ _SENTENCES = {
     NotExamined.NO_BASELINE: "cause not examined: there is no baseline yet to compare with",
     NotExamined.NO_DRIVE_MODEL: "cause not examined: the axis has no drive model",
     NotExamined.TOO_FEW_POSITIONS: "cause not examined yet: it takes measurements at three positions since the onset",
-    NotExamined.LOST_MOTION: "cause not examined: lost motion grows with wear, and as preload is lost",
+    NotExamined.LOST_MOTION: "no cause is looked for: lost motion tells that motion is lost, not where",
 }
 
 

@@ -56,6 +56,19 @@ def lost_motion_evidence(reading: LostMotionReading, state: DetectorState) -> Js
 
 
 @dataclass(frozen=True, slots=True)
+class LostMotionNow:
+    """The newest lost motion of an axis, and the state of its chart as it counts now."""
+
+    measured_at: datetime
+    reversal_value_um: float
+    reversal_value_interval_95_um: tuple[float, float]
+    state: str
+    #: Without a further reading the state is unknown from then on; None: it is already, or an alarm, which silence
+    #: does not end.
+    valid_until: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
 class LostMotionStanding:
     """How the lost motion of an axis stands at a moment. *Not looked at* is ``unknown``."""
 

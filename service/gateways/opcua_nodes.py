@@ -7,19 +7,31 @@ from asyncua.server.event_generator import EventGenerator
 from service.gateways.opcua_reading import AlarmSeen, AxisSeen, Reading, values_of
 
 NAMESPACE = "urn:preload-monitor"
-#: Newton, as UNECE Recommendation 20 numbers units for OPC UA (Part 8, 5.6.3): the letters N, E, W as a number.
-NEWTON = ua.EUInformation(
-    NamespaceUri="http://www.opcfoundation.org/UA/units/un/cefact",
-    UnitId=int.from_bytes(b"NEW"),
-    DisplayName=ua.LocalizedText("N"),
-    Description=ua.LocalizedText("newton"),
-)
-#: What each variable is, in words.
+
+
+def _unit(code: str, symbol: str, name: str) -> ua.EUInformation:
+    """Return a unit by its UNECE Recommendation 20 code, whose characters are its number (OPC UA Part 8, 5.6.3)."""
+    return ua.EUInformation(
+        NamespaceUri="http://www.opcfoundation.org/UA/units/un/cefact",
+        UnitId=int.from_bytes(code.encode()),
+        DisplayName=ua.LocalizedText(symbol),
+        Description=ua.LocalizedText(name),
+    )
+
+
+NEWTON, MICROMETRE = _unit("NEW", "N", "newton"), _unit("4H", "µm", "micrometre (micron)")
+#: What each variable is, in words, and in which unit.
 NUMBERS = {
-    "Preload": "preload of the newest measurement",
-    "PreloadIntervalLow": "lower end of its 95 % coverage interval",
-    "PreloadIntervalHigh": "upper end of its 95 % coverage interval",
+    "Preload": ("preload of the newest measurement", NEWTON),
+    "PreloadIntervalLow": ("lower end of its 95 % coverage interval", NEWTON),
+    "PreloadIntervalHigh": ("upper end of its 95 % coverage interval", NEWTON),
+    "LostMotion": ("reversal value of the newest reading (ISO 230-2)", MICROMETRE),
+    "LostMotionIntervalLow": ("lower end of its 95 % interval", MICROMETRE),
+    "LostMotionIntervalHigh": ("upper end of its 95 % interval", MICROMETRE),
 }
+STATES = ("State", "LostMotionState")
+#: What is watched where an alarm of this kind is raised; else it is the preload.
+_WATCHED = {"lost-motion": "LostMotion"}
 #: Of 1 to 1000: a loss of preload is to be seen to soon, and no emergency.
 SEVERITY = 700
 
@@ -105,9 +117,9 @@ class Nodes:
     async def _new_axis(self, axis: AxisSeen) -> dict[str, Node]:
         path = f"axes/{axis.id}"
         node = await self._folder.add_object(self._id(path), ua.QualifiedName(axis.id, self._index))
-        variables = {name: await self._number(node, path, name, meaning) for name, meaning in NUMBERS.items()}
-        variables["State"] = await self._variable(node, path, "State", ua.ObjectIds.String)
-        return variables
+        variables = {name: await self._number(node, path, name, *meant) for name, meant in NUMBERS.items()}
+        strings = {name: await self._variable(node, path, name, ua.ObjectIds.String) for name in STATES}
+        return variables | strings
 
     async def _variable(self, axis: Node, path: str, name: str, datatype: int) -> Node:
         """Add a variable; until a value is known it has none."""
@@ -118,12 +130,12 @@ class Nodes:
         await variable.write_value(ua.DataValue(StatusCode=waiting))
         return variable
 
-    async def _number(self, axis: Node, path: str, name: str, meaning: str) -> Node:
+    async def _number(self, axis: Node, path: str, name: str, meaning: str, unit: ua.EUInformation) -> Node:
         variable = await self._variable(axis, path, name, ua.ObjectIds.Double)
         await variable.delete_reference(ua.ObjectIds.BaseDataVariableType, ua.ObjectIds.HasTypeDefinition)
         await variable.add_reference(ua.ObjectIds.AnalogUnitType, ua.ObjectIds.HasTypeDefinition)
-        unit = self._id(f"{path}/{name}/EngineeringUnits")
-        await variable.add_property(unit, ua.QualifiedName("EngineeringUnits", 0), NEWTON)
+        unit_id = self._id(f"{path}/{name}/EngineeringUnits")
+        await variable.add_property(unit_id, ua.QualifiedName("EngineeringUnits", 0), unit)
         text = ua.Variant(ua.LocalizedText(meaning), ua.VariantType.LocalizedText)
         await variable.write_attribute(ua.AttributeIds.Description, ua.DataValue(text))
         return variable
@@ -138,7 +150,7 @@ class Nodes:
             condition.add_property("NodeId", self._id(f"alarms/{alarm.id}"), ua.VariantType.NodeId)
             condition.SourceNode = self._id(f"axes/{alarm.axis}")
             condition.SourceName = alarm.axis
-            condition.InputNode = self._id(f"axes/{alarm.axis}/Preload")
+            condition.InputNode = self._id(f"axes/{alarm.axis}/{_WATCHED.get(alarm.kind, 'Preload')}")
             await generator.init(condition, ua.ObjectIds.Server, add_generates_event=False)
         event = generator.event
         is_seen = alarm.status == "acknowledged" or not is_open

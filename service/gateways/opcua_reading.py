@@ -29,6 +29,15 @@ class _Measurement(BaseModel):
     doubts: list[_Doubt] = []
 
 
+class _LostMotion(BaseModel):
+    """The newest lost motion of an axis."""
+
+    measured_at: datetime
+    reversal_value_um: float
+    reversal_value_interval_95_um: tuple[float, float]
+    state: str
+
+
 class AxisSeen(BaseModel):
     """An axis as ``GET /v1/axes`` gives it."""
 
@@ -37,6 +46,7 @@ class AxisSeen(BaseModel):
     state: str
     state_since: datetime | None
     last_measurement: _Measurement | None
+    lost_motion: _LostMotion | None = None  # an older service says nothing of it
 
 
 class _Axes(BaseModel):
@@ -110,6 +120,13 @@ async def _get(http: AsyncClient, path: str, query: dict[str, str | int] | None 
     return from_json(content)
 
 
+def _quality_of_lost_motion(lost: _LostMotion | None) -> ua.StatusCode:
+    if lost is None:
+        return ua.StatusCode(ua.StatusCodes.BadNoData)
+    old = lost.state == "unknown"
+    return ua.StatusCode(ua.StatusCodes.UncertainLastUsableValue if old else ua.StatusCodes.Good)
+
+
 def quality_of(axis: AxisSeen) -> ua.StatusCode:
     """Return the quality of the preload of an axis: bad without a value, uncertain if it is in doubt or old."""
     measured = axis.last_measurement
@@ -131,6 +148,19 @@ def values_of(axis: AxisSeen) -> dict[str, ua.DataValue]:
         "PreloadIntervalLow": _number(0.0 if lower is None else lower, quality, at),
         "PreloadIntervalHigh": _number(math.inf if upper is None else upper, quality, at),
         "State": ua.DataValue(ua.Variant(axis.state, ua.VariantType.String), SourceTimestamp=axis.state_since),
+        **_values_of_lost_motion(axis.lost_motion),
+    }
+
+
+def _values_of_lost_motion(lost: _LostMotion | None) -> dict[str, ua.DataValue]:
+    quality, at = _quality_of_lost_motion(lost), None if lost is None else lost.measured_at
+    lower, upper = (None, None) if lost is None else lost.reversal_value_interval_95_um
+    state = "unknown" if lost is None else lost.state
+    return {
+        "LostMotion": _number(None if lost is None else lost.reversal_value_um, quality, at),
+        "LostMotionIntervalLow": _number(lower, quality, at),
+        "LostMotionIntervalHigh": _number(upper, quality, at),
+        "LostMotionState": ua.DataValue(ua.Variant(state, ua.VariantType.String), SourceTimestamp=at),
     }
 
 

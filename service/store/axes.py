@@ -163,6 +163,15 @@ def was_lubricated(lubrications: Sequence[datetime], after: datetime | None, unt
     return after is not None and bisect_right(lubrications, until) > bisect_right(lubrications, after)
 
 
+def newest_renewals(connection: Connection) -> dict[str, datetime]:
+    """Return when each axis got its newest nut or screw, of those that got one."""
+    corrected = select(MaintenanceRow.corrects).where(MaintenanceRow.corrects.is_not(None))
+    query = select(MaintenanceRow.axis_id, func.max(MaintenanceRow.at).label("at")).where(
+        MaintenanceRow.kind.in_(RENEWALS), MaintenanceRow.id.not_in(corrected)
+    )
+    return {row.axis_id: row.at for row in connection.execute(query.group_by(MaintenanceRow.axis_id))}
+
+
 def renewals_of(connection: Connection, axis_id: str) -> list[datetime]:
     """Return when an axis got another nut or screw, as :func:`lubrications_of` does."""
     return list(connection.scalars(_ENTRIES, {"axis_id": axis_id, "kinds": RENEWALS}))

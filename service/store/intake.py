@@ -324,6 +324,11 @@ def save_charts(connection: Connection, axis: AxisRecord, stored: ChartsRecord, 
     _expect_one(axis, connection.execute(_CHANGE_AXIS, _next_revision(axis, **columns)).rowcount)
 
 
+def say_changed(connection: Connection, axis: AxisRecord) -> None:
+    """Count the revision of an axis on: what is shown of it beside its charts has changed."""
+    _expect_one(axis, connection.execute(_CHANGE_AXIS, _next_revision(axis)).rowcount)
+
+
 def _columns(record: WindowRecord) -> dict[str, object]:
     return {name: getattr(record, name) for name in record.__slots__}
 

@@ -23,6 +23,7 @@ from service.operations.fields import RequestModel, RowId, Text
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.history import AxisHistory
 from service.report.trend_chart import Band, LaneEvent
+from service.store.alarms import LOST_MOTION
 from service.store.trend.points import Span
 from service.store.trend.shown import ShownPoint
 from service.web.forms import MomentText, ShownRange, moment_of
@@ -125,8 +126,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
         seen=view.last_to("acknowledged"),
         stands=view.row.status in ("active", "acknowledged"),
         picture=_picture(view, evidence, page.words, on),
-        cause=_cause_code(alarm_shown.explanation),
-        advice=_advice(on, _cause_code(alarm_shown.explanation)),
+        advice=_advice(on, alarm_shown),
         newest_event=view.last_by_people,
         usual_shelf=now() + USUAL_SHELF,
     )
@@ -164,13 +164,12 @@ def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Service
     return preload_charts(words, axis_id, Drawn.of(points), shown, history=nothing, events=events, level=band)
 
 
-def _cause_code(explanation: object) -> str:
-    return explanation.cause if isinstance(explanation, ExaminedOut) else "not-examined"
-
-
-def _advice(on: Services, cause: str) -> list[Advice]:
+def _advice(on: Services, alarm: AlarmOut) -> list[Advice]:
     """Return what to check for the cause; where none is known, what to check of any loss of preload as well."""
+    cause = alarm.explanation.cause if isinstance(alarm.explanation, ExaminedOut) else "not-examined"
     codes = [cause, "preload"] if cause in ("not-examined", "unknown") else [cause]
+    if alarm.kind == LOST_MOTION:
+        codes = [LOST_MOTION]
     entries = (on.advice.of("cause", code) for code in codes)
     return [advice for advice in entries if advice is not None]
 

@@ -17,6 +17,7 @@ from service.store.trend.points import Span, TrendPoint, add_point
 from service.store.trend.rollups import sum_up
 from tests.conftest import canary
 from tests.service.conftest import START, Api, emptied, running_service, simulated_measurement
+from tests.service.test_lost_motion import HEALTHY, alarms_of, history, send, told
 
 HOUR = timedelta(hours=1)
 LATER = START + HOUR
@@ -119,8 +120,11 @@ def test_whole_way_on_postgresql_gives_what_sqlite_gives(postgresql: str, tmp_pa
     for name, url in (("sqlite", None), ("postgresql", emptied(postgresql))):
         with running_service(tmp_path / name, database_url=url) as api:
             fill(api)
-            points.append(api.trend("axis"))
-    assert points[0][0]["preload_n"] is not None
+            send(api, "axis", history(1, grows_from=HEALTHY, days=HEALTHY + 16))
+            evidence = [alarm["evidence"] for alarm in alarms_of(api, "axis")]
+            points.append((api.trend("axis"), told(api, "axis"), evidence, api.axis("axis")["lost_motion"]))
+    assert points[0][0][0]["preload_n"] is not None
+    assert len(points[0][2]) == 1
     assert points[0] == points[1]
 
 

@@ -86,6 +86,11 @@ def test_play_that_grows_raises_an_alarm_of_its_own(growing: tuple[Api, str]) ->
     assert api.axis(axis)["open_alarms"] == 1
     for page in (f"/axes/{axis}", f"/alarms/{alarm['id']}", "/alarms", "/"):
         assert not re.search(r"None\b(?! was| in force)", api.http.get(page).raise_for_status().text)
+    page = api.http.get(f"/alarms/{alarm['id']}").text
+    assert page.count("<h2>What to check</h2>") == 1
+    assert 'id="advice-lost-motion"' in page
+    assert "three places" not in page
+    assert ">raised by lost motion<" in page
     page = api.http.get(f"/axes/{axis}").text
     assert "Lost motion has grown since" in page
     assert 'aria-label="Lost motion over time"' in page
@@ -96,9 +101,10 @@ def test_play_that_grows_raises_an_alarm_of_its_own(growing: tuple[Api, str]) ->
 def test_clearing_learns_the_level_anew(growing: tuple[Api, str]) -> None:
     api, axis = growing
     (alarm,) = alarms_of(api, axis)
+    assert api.axis(axis)["lost_motion"]["state"] == told(api, axis)["state"] == "alarm"
     api.http.post(f"/v1/alarms/{alarm['id']}/acknowledge", json={"comment": "seen"}).raise_for_status()
     api.http.post(f"/v1/alarms/{alarm['id']}/clear", json={"comment": "as it is"}).raise_for_status()
-    assert told(api, axis)["state"] == "unknown"
+    assert api.axis(axis)["lost_motion"]["state"] == told(api, axis)["state"] == "unknown"
     rng = np.random.default_rng(2)
     send(api, axis, [reading(rng, day, 1.8) for day in range(HEALTHY + 16, HEALTHY + 36)])
     answer = told(api, axis)
@@ -114,7 +120,9 @@ def test_with_a_new_nut_another_axis_is_watched(growing: tuple[Api, str]) -> Non
     entry = {"at": moment, "who": "Anna", "kind": "nut-replaced"}
     api.http.post(f"/v1/axes/{axis}/maintenance", json=entry).raise_for_status()
     assert [alarm["status"] for alarm in alarms_of(api, axis)] == ["active"]
-    assert told(api, axis)["state"] == "unknown"
+    assert api.axis(axis)["lost_motion"]["state"] == told(api, axis)["state"] == "unknown"
+    listed = api.http.get("/v1/axes").json()["axes"]
+    assert next(each for each in listed if each["id"] == axis) == api.axis(axis)
     send(api, axis, [reading(np.random.default_rng(3), HEALTHY + 16, 0.2, position_mm=100.0)])
     answer = told(api, axis)
     assert (answer["state"], answer["watched_at_mm"]) == ("learning", 100.0)

@@ -47,6 +47,7 @@ from tests.service.brokers import MOSQUITTO, BrokerProcess, Client, certificate,
 from tests.service.conftest import Api, ServerProcess, free_port, running_service, simulated_measurement
 from tests.service.test_access import PASSWORD, Closed, served
 from tests.service.test_kill import stored_windows
+from tests.service.test_lost_motion import reading, send
 from tests.service.test_notices import losing_preload
 
 needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not installed on this machine")
@@ -170,7 +171,12 @@ def test_an_alarm_is_a_cloud_event_and_states_are_retained(
         assert told["interval_95_n"] == axis["last_measurement"]["interval_95_n"]
         assert told["measured_at"] == axis["last_measurement"]["started_at"]
         assert told["state_since"] == axis["state_since"]
-        assert told["valid_until"] > told["measured_at"]
+        assert told["valid_until"] is None  # no silence ends an alarm
+        assert told["lost_motion"] is None
+        send(api, "axis", [reading(np.random.default_rng(1), 0.0)])
+        wait_until(lambda: _told(client)["lost_motion"] is not None, what="the lost motion")
+        told = _told(client)
+        assert told["lost_motion"] == api.axis("axis")["lost_motion"]
         late = Client(broker, "preload/plant/#")  # whoever comes later sees what is retained: presence and state
         wait_until(lambda: len(late.heard) >= 2)
         assert {(message.topic, message.retained) for message in late.heard} == {
@@ -221,6 +227,7 @@ def test_a_silent_axis_becomes_unknown_at_the_broker_without_a_measurement(
         windows = simulated_measurement(np.random.default_rng(3), "m", n_windows=4, started_at=began)
         api.accept("axis", windows, complete=True)
         wait_until(lambda: _told(client)["state"] == "learning")
+        assert _told(client)["valid_until"] > _told(client)["measured_at"]
         wait_until(lambda: _told(client)["state"] == "unknown")
         assert now() >= began + timedelta(seconds=silent_after_s)
         assert _told(client)["valid_until"] is None

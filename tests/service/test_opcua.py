@@ -10,6 +10,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from asyncua import Client, ua
 
@@ -19,6 +20,7 @@ from service.gateways.opcua_server import OpcuaSettings, serve_opcua
 from tests.conftest import PROJECT_ROOT
 from tests.service.brokers import certificate
 from tests.service.conftest import Api, free_port, running_service
+from tests.service.test_lost_motion import reading, send
 from tests.service.test_notices import losing_preload
 
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - refused unless it is encrypted
@@ -80,6 +82,7 @@ def test_a_client_reads_values_and_gets_an_alarm_and_its_end(tmp_path: Path) -> 
     with running_service(tmp_path / "var") as api:
         api.register("quiet")
         alarm = losing_preload(api)
+        send(api, "axis", [reading(np.random.default_rng(1), 0.0)])
         asyncio.run(_as_client(api, alarm))
 
 
@@ -100,8 +103,21 @@ async def _as_client(api: Api, alarm: int) -> None:
         assert (unit.DisplayName.Text, unit.UnitId) == ("N", 5129559)
         with pytest.raises(ua.UaError):
             await node.write_value(1.0)
+        lost, low, high = [await read(client, f"LostMotion{end}") for end in ("", "IntervalLow", "IntervalHigh")]
+        assert lost.Value.Value == axis["lost_motion"]["reversal_value_um"]
+        assert [low.Value.Value, high.Value.Value] == axis["lost_motion"]["reversal_value_interval_95_um"]
+        assert lost.SourceTimestamp == datetime.fromisoformat(axis["lost_motion"]["measured_at"])
+        micrometre = client.get_node(ua.NodeId("axes/axis/LostMotion/EngineeringUnits", index))
+        # UNECE Recommendation 20: the code of a micrometre is 4H
+        assert ((await micrometre.read_value()).DisplayName.Text, (await micrometre.read_value()).UnitId) == (
+            "µm",
+            0x3448,
+        )
+        assert (await read(client, "LostMotionState")).Value.Value == axis["lost_motion"]["state"]
         quiet = client.get_node(ua.NodeId("axes/quiet/Preload", index))
         assert (await quiet.read_data_value(raise_on_bad_status=False)).StatusCode.name == "BadNoData"
+        unlooked = client.get_node(ua.NodeId("axes/quiet/LostMotion", index))
+        assert (await unlooked.read_data_value(raise_on_bad_status=False)).StatusCode.name == "BadNoData"
 
         subscriber = Subscriber()
         subscription = await client.create_subscription(50, subscriber)
@@ -174,7 +190,9 @@ def seen(**measured: Any) -> AxisSeen:
 def test_the_quality_says_whether_there_is_a_value_and_whether_it_is_in_doubt(axis: AxisSeen, quality: str) -> None:
     assert quality_of(axis).name == quality
     values = values_of(axis)
-    assert {values[name].StatusCode.name for name in values if name != "State"} == {quality}
+    preload = [name for name in values if name.startswith("Preload")]
+    assert {values[name].StatusCode.name for name in preload} == {quality}
+    assert values["LostMotion"].StatusCode.name == "BadNoData"  # never measured
     assert (values["Preload"].Value.Value is None) == (quality == "BadNoData")
 
 

@@ -16,10 +16,10 @@ from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from monitor_core.pipeline import AxisState
-from monitor_core.trend import DetectorState, Observation, reset, state_at, step
+from monitor_core.trend import DetectorState, Observation, TrendStatus, reset, state_at, step
 from service.clock import now, text_of
 from service.documents.change import lost_motion_unexamined
-from service.documents.lost_motion import LostMotionStanding, lost_motion_evidence
+from service.documents.lost_motion import LostMotionNow, LostMotionStanding, lost_motion_evidence
 from service.errors import ConflictError, InvalidRequestError
 from service.json_types import JsonObject
 from service.operations.fields import Label, Moment, Number, Position, RequestModel, Temperature
@@ -157,11 +157,11 @@ class LostMotion:
             chart, newest = read_chart(connection, row.number), newest_reading(connection, row.number)
             beginnings = _Beginnings.of(connection, row)
         settings = load_design(row.detector_design).settings
-        silent_after = timedelta(hours=load_configuration(row.configuration).silent_after_hours)
+        silent_after = _silent_after(load_configuration(row.configuration).silent_after_hours)
         detector = DetectorState()
         if chart is not None and newest is not None:
             detector, _ = beginnings.begun(load_state(chart.state).detector, newest.at, None)
-        state, baseline = state_at(detector, now(), max(silent_after, SILENT_AFTER)), detector.baseline
+        state, baseline = state_at(detector, now(), silent_after), detector.baseline
         interval = None if baseline is None else baseline.prediction_interval()
         return LostMotionStanding(
             state=str(state),
@@ -176,6 +176,32 @@ class LostMotion:
             alarm=detector.alarm,
             alert=detector.alert,
         )
+
+
+def _silent_after(hours: float) -> timedelta:
+    return max(timedelta(hours=hours), SILENT_AFTER)
+
+
+def lost_motion_now(
+    newest: tuple[LostMotionReading, datetime | None] | None, renewed_at: datetime | None, silent_after_hours: float
+) -> LostMotionNow | None:
+    """Return the newest lost motion of an axis with the state that its chart has now, without reading the chart.
+
+    ``newest``: the last reading, and when the last was taken that moved the chart. ``renewed_at``: when the axis got
+    its newest nut or screw. The state is that of :meth:`LostMotion.standing`. None: it was never measured.
+    """
+    if newest is None:
+        return None
+    reading, charted_at = newest
+    begins_anew = reading.found_in_order or (renewed_at is not None and reading.at < renewed_at <= now())
+    state = TrendStatus.UNKNOWN if begins_anew else TrendStatus(reading.state)
+    silent_after = _silent_after(silent_after_hours)
+    state = state_at(DetectorState(status=state, last_at=charted_at), now(), silent_after)
+    ends = charted_at is not None and state not in (TrendStatus.UNKNOWN, TrendStatus.ALARM)
+    return LostMotionNow(
+        reading.at, reading.reversal_value_um, (reading.interval_lower_um, reading.interval_upper_um), str(state),
+        charted_at + silent_after if charted_at is not None and ends else None,
+    )  # fmt: skip
 
 
 def learn_anew(connection: Connection, axis_id: str, epoch: int) -> None:
@@ -306,6 +332,7 @@ def _chart(
             raised.append(_Raised(before, lost_motion_evidence(before, state), epoch))
     save_readings(connection, axis.number, {*judged}.difference(stored))
     save_chart(connection, LostMotionChart(axis.number, dump_state(AxisState(detector=state)), place))
+    intake.say_changed(connection, axis)
     if settles and (raised or again):
         _settle(connection, axis, raised, beginnings, again=again, because_of=because_of)
 

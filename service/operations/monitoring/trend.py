@@ -13,12 +13,14 @@ from sqlalchemy import Connection
 
 from monitor_core.trend import paper_rule
 from service.clock import now, text_of
+from service.documents.lost_motion import LostMotionNow
 from service.documents.stored_measurement import NOTHING_MEASURED, StoredMeasurement
 from service.errors import DocumentDamagedError, UnreadableBodyError
 from service.json_types import JsonObject, document_of
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.extremes import extremes
 from service.operations.monitoring.intake.chart_state import load_design, load_state, state_now
+from service.operations.monitoring.lost_motion import lost_motion_now
 from service.store import alarms, axes, measurements
 from service.store.database import Database
 from service.store.intake import outcomes_of
@@ -26,6 +28,7 @@ from service.store.lookup import Remembered
 from service.store.rejudged import Stale, stale_axes
 from service.store.retention import LetGo, let_go
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, moment_of
+from service.store.trend.lost_motion import LostMotionReading, newest_readings
 from service.store.trend.points import (
     Cursor,
     Quality,
@@ -78,6 +81,7 @@ class AxisStatus:
     last_measurement: StoredMeasurement | None
     open_alarms: int
     stale: Stale | None = None  # what it says is about to be replaced
+    lost_motion: LostMotionNow | None = None  # None: never measured
 
     @property
     def last(self) -> StoredMeasurement:
@@ -181,8 +185,12 @@ class Trend:
                 point = point_of(connection, row.number, row.last_measured_at, row.last_measurement_id)
                 outcomes = outcomes_of(connection, [row.last_measurement_id])
                 last = StoredMeasurement.of(outcomes[row.last_measurement_id], point) if outcomes else None
+            lost = newest_readings(connection, row.number).get(row.number)
+            renewed = max(axes.renewals_of(connection, axis_id), default=None) if lost is not None else None
             stale = stale_axes(session, axis_id).get(axis_id)
-            return self._status(row, documents, last, alarms.count_open(session, axis_id), stale)
+            return self._status(
+                row, documents, last, alarms.count_open(session, axis_id), stale, lost=lost, renewed=renewed
+            )
 
     def fleet(self, machine: str | None = None, *, archived: bool = False) -> Fleet:
         """Tell how every axis stands, or those of a machine; archived ones only where they are asked for.
@@ -195,13 +203,18 @@ class Trend:
             stale = stale_axes(session)
             points = last_points(session.connection())
             outcomes = outcomes_of(session.connection(), [point.measurement_id for point in points.values()])
+            lost = newest_readings(session.connection())
+            renewed = axes.newest_renewals(session.connection()) if lost else {}
         for row, documents in rows:
             if row.archived_at is not None and not archived:
                 continue
             point = points.get(row.number)
             last = None if point is None else StoredMeasurement.of(outcomes[point.measurement_id], point)
             try:
-                status = self._status(row, documents, last, n_open.get(row.id, 0), stale.get(row.id))
+                status = self._status(
+                    row, documents, last, n_open.get(row.id, 0), stale.get(row.id),
+                    lost=lost.get(row.number), renewed=renewed.get(row.id),
+                )  # fmt: skip
                 statuses += [status] if machine in (None, status.configuration.machine) else []
             except DocumentDamagedError as error:
                 damaged.append(DamagedAxis(row.id, row.name, str(error)))
@@ -341,6 +354,9 @@ class Trend:
         last_measurement: StoredMeasurement | None,
         open_alarms: int,
         stale: Stale | None,
+        *,
+        lost: tuple[LostMotionReading, datetime | None] | None,
+        renewed: datetime | None,
     ) -> AxisStatus:
         """Return how an axis stands; raises DocumentDamagedError if something stored of it cannot be read."""
         configuration = self._remembered.of(("configuration", row.id), documents, partial(_read, documents))
@@ -348,7 +364,8 @@ class Trend:
             state_shown, since = state_now(row, now(), configuration.silent_after_hours)
         else:  # nobody waits for it
             state_shown, since = row.state, row.state_since
-        return AxisStatus(row, configuration, state_shown, since, last_measurement, open_alarms, stale)
+        lost_motion = lost_motion_now(lost, renewed, configuration.silent_after_hours)
+        return AxisStatus(row, configuration, state_shown, since, last_measurement, open_alarms, stale, lost_motion)
 
 
 def _read(documents: axes.Documents) -> AxisConfiguration:

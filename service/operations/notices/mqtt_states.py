@@ -9,6 +9,7 @@ from datetime import datetime, timedelta
 
 from monitor_core.trend import TrendStatus
 from service.clock import now, text_of
+from service.documents.lost_motion import LostMotionNow
 from service.errors import DocumentDamagedError, ServiceError, UnknownResourceError
 from service.json_types import JsonObject
 from service.operations.monitoring.trend import AxisStatus, Trend
@@ -29,9 +30,12 @@ ONLINE_FOR_S = 90
 
 
 def valid_until(status: AxisStatus) -> datetime | None:
-    """Return until when a state counts if nothing more is measured; None where it is unknown already."""
+    """Return until when the state of the preload counts if nothing more is measured.
+
+    None where it is unknown already, and in alarm, which silence does not end.
+    """
     last = status.row.last_charted_at
-    if last is None or status.state == TrendStatus.UNKNOWN:
+    if last is None or status.state in (TrendStatus.UNKNOWN, TrendStatus.ALARM):
         return None
     return last + timedelta(hours=status.configuration.silent_after_hours)
 
@@ -54,6 +58,17 @@ def state_document(status: AxisStatus) -> JsonObject:
         "frequency_fall_interval_95_percent": last.frequency_fall_interval_95_percent,
         "doubts": [doubt.model_dump() for doubt in last.doubts],
         "refused": last.reason,
+        "lost_motion": None if status.lost_motion is None else _lost_motion(status.lost_motion),
+    }
+
+
+def _lost_motion(newest: LostMotionNow) -> JsonObject:
+    return {
+        "state": newest.state,
+        "valid_until": None if newest.valid_until is None else text_of(newest.valid_until),
+        "measured_at": text_of(newest.measured_at),
+        "reversal_value_um": newest.reversal_value_um,
+        "reversal_value_interval_95_um": newest.reversal_value_interval_95_um,
     }
 
 
@@ -165,6 +180,7 @@ class StatePublisher:
             if status.row.archived_at is not None:
                 return forgotten
             document = state_document(status)
-            if (until := valid_until(status)) is not None:
-                due[axis] = until
+            lost = status.lost_motion
+            if ends := [end for end in (valid_until(status), lost.valid_until if lost else None) if end]:
+                due[axis] = min(ends)
         return Message(topic, json.dumps(document, ensure_ascii=False).encode(), retain=True)

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, String, delete, insert, select
+from sqlalchemy import Connection, String, and_, case, delete, func, insert, select
 
 from service.json_types import JsonObject
 from service.store.tables import NullableJson
@@ -76,6 +76,20 @@ def newest_reading(connection: Connection, axis_number: int) -> LostMotionReadin
     query = select(*_COLUMNS).where(READINGS.c.axis_number == axis_number)
     row = connection.execute(query.order_by(READINGS.c.at.desc()).limit(1)).one_or_none()
     return None if row is None else LostMotionReading(*row)
+
+
+def newest_readings(
+    connection: Connection, axis_number: int | None = None
+) -> dict[int, tuple[LostMotionReading, datetime | None]]:
+    """Return the last reading of one axis or all by number, and when the last was taken that moved the chart."""
+    of_chart = func.max(case((READINGS.c.uncharted.is_(None), READINGS.c.at)))
+    last = select(READINGS.c.axis_number, func.max(READINGS.c.at).label("at"), of_chart.label("charted_at"))
+    if axis_number is not None:
+        last = last.where(READINGS.c.axis_number == axis_number)
+    ends = last.group_by(READINGS.c.axis_number).subquery()
+    of_axis = (READINGS.c.axis_number == ends.c.axis_number, READINGS.c.at == ends.c.at)
+    rows = connection.execute(select(*_COLUMNS, ends.c.charted_at).join(ends, and_(*of_axis)))
+    return {row.axis_number: (LostMotionReading(*row[:-1]), row.charted_at) for row in rows}
 
 
 def moments_in_order(connection: Connection, axis_number: int) -> list[datetime]:
