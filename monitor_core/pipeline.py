@@ -27,11 +27,13 @@ from monitor_core.preload import (
     SessionSums,
     Weighting,
     calibrate,
+    calibration_from_prior,
     estimate_preload,
     expected_band,
     learn_law,
     systematic_uncertainty_between,
     with_history,
+    with_unset_preload,
 )
 from monitor_core.preload.budget import THERMOMETER_OFFSET, lagging
 from monitor_core.preload.doubts import PlaceReading, Places
@@ -41,7 +43,17 @@ from monitor_core.preload.feature import position_part
 from monitor_core.preload.fit import BETWEEN_SESSIONS
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, gate_window
-from monitor_core.recording import Conditions, Doubt, DoubtReason, Rejection, RejectionReason, Window
+from monitor_core.recording import (
+    Conditions,
+    Doubt,
+    DoubtReason,
+    ExcitationQuantity,
+    ExcitationSource,
+    Rejection,
+    RejectionReason,
+    ResponseQuantity,
+    Window,
+)
 from monitor_core.trend import (
     DetectorDesign,
     DetectorState,
@@ -576,19 +588,8 @@ def calibrate_from_measurements(
     measurements, so they are no guide to how much each is worth. The measurements are taken to be of one session: what
     other days change of a frequency is declared, relative.
     """
-    readings = [
-        ModalReading(
-            m.mode.frequency.value, m.conditions, m.mode.frequency.standard_uncertainty, witnesses=witnesses_of(m)
-        )
-        for m in measurements
-    ]
-    channels = {(m.excitation_quantity, m.excitation_source, m.response_quantity) for m in measurements}
-    if len(channels) != 1:
-        got = ", ".join(sorted(f"{response} by {quantity} from {source}" for quantity, source, response in channels))
-        raise OutsideValidityError(
-            f"a calibration holds for one kind of excitation and response; the measurements are of {got}"
-        )
-    quantity, source, response = channels.pop()
+    readings = _readings(measurements)
+    quantity, source, response = _channels(measurements)
     polarities = {m.trace_polarity for m in measurements} - {None}
     return calibrate(
         readings,
@@ -604,3 +605,49 @@ def calibrate_from_measurements(
         between_sessions=between_sessions,
         trace_polarity=polarities.pop() if len(polarities) == 1 else None,  # of two kinds none is the right one
     )
+
+
+def calibrate_by_drive(
+    measurements: Sequence[ModalMeasurement],
+    prior: CoefficientPrior,
+    log_preload: Estimate,
+    *,
+    settings: AxisSettings,
+    weighting: Weighting = Weighting.NONE,
+) -> Calibration:
+    """Join what a drive model lets expect with measurements: of preloads that were set, and of one that nobody set.
+
+    ``log_preload`` is that of the latter, ln(P/N) (:func:`~monitor_core.preload.with_unset_preload`, which raises where
+    they contradict the prior or carry a payload). One measurement at least.
+    """
+    quantity, _, response = _channels(measurements)
+    prior = replace(prior, excitation_quantity=quantity, response_quantity=response)
+    unset = [m for m in measurements if m.conditions.preload is None]
+    at_set_preload = [m for m in measurements if m.conditions.preload is not None]
+    if unset:
+        prior = with_unset_preload(prior, _readings(unset), log_preload)
+    if not at_set_preload:
+        return calibration_from_prior(prior, moving_mass=settings.moving_mass)
+    return calibrate_from_measurements(at_set_preload, settings=settings, weighting=weighting, prior=prior)
+
+
+def _readings(measurements: Sequence[ModalMeasurement]) -> list[ModalReading]:
+    return [
+        ModalReading(
+            m.mode.frequency.value, m.conditions, m.mode.frequency.standard_uncertainty, witnesses=witnesses_of(m)
+        )
+        for m in measurements
+    ]
+
+
+def _channels(
+    measurements: Sequence[ModalMeasurement],
+) -> tuple[ExcitationQuantity, ExcitationSource, ResponseQuantity]:
+    """Return what was measured of which source; OutsideValidityError if it is not of one kind."""
+    channels = {(m.excitation_quantity, m.excitation_source, m.response_quantity) for m in measurements}
+    if len(channels) != 1:
+        got = ", ".join(sorted(f"{response} by {quantity} from {source}" for quantity, source, response in channels))
+        raise OutsideValidityError(
+            f"a calibration holds for one kind of excitation and response; the measurements are of {got}"
+        )
+    return channels.pop()

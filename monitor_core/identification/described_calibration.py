@@ -17,7 +17,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.axis import AxisDescription
 from monitor_core.models.extended import ExtendedModel, elastic_frequencies
-from monitor_core.models.preload_share import HIGHEST_SHARE, PreloadLevel
+from monitor_core.models.preload_share import HIGHEST_SHARE, usual_log_preload
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.preload import USUAL_SCATTER, CoefficientPrior, ValidRange
 from monitor_core.preload.calibration import feature_design
@@ -104,8 +104,7 @@ def usual_preload_of(description: AxisDescription) -> Estimate:
     rating = description.parameters.get("dynamic_load_rating_n")
     if rating is None:
         raise OutsideValidityError("the usual preload follows from dynamic_load_rating_n of the model; got none")
-    low, high = (math.log(level.share * rating) for level in (PreloadLevel.SLIGHT, PreloadLevel.TIGHT))
-    return Estimate(0.5 * (low + high), (high - low) / math.sqrt(12.0))
+    return usual_log_preload(rating)
 
 
 def _drawn_ratios(uncertain: Mapping[str, float]) -> list[dict[str, float]]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
-from monitor_core.uncertainty import Interval, IntervalKind
+from monitor_core.uncertainty import Estimate, Interval, IntervalKind
 
 
 class PreloadLevel(StrEnum):
@@ -31,6 +31,12 @@ _CATALOGUE = 0.15
 _LESS = 0.9
 #: Where the table is asked for, in lengths of the screw.
 _PLACES = (0.25, 0.5, 0.75)
+
+
+def usual_log_preload(dynamic_load_rating: float) -> Estimate:
+    """Return ln(P/N) of a nut that nobody measured: slightly to tightly preloaded, each as likely [-]."""
+    low, high = (math.log(level.share * dynamic_load_rating) for level in (PreloadLevel.SLIGHT, PreloadLevel.TIGHT))
+    return Estimate(0.5 * (low + high), (high - low) / math.sqrt(12.0))
 
 
 def share_of_preload(model: DriveModel, preload: float | None = None) -> Interval:

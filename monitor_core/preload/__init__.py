@@ -53,6 +53,7 @@ from monitor_core.preload.plan import (
 from monitor_core.preload.prior import (
     CoefficientPrior as CoefficientPrior,
     calibration_from_prior as calibration_from_prior,
+    log_preload as log_preload,
     prior_from_calibration as prior_from_calibration,
     with_unset_preload as with_unset_preload,
 )

@@ -160,6 +160,11 @@ def refuse_other_conditions(
         )
 
 
+def log_preload(preload: Estimate) -> Estimate:
+    """Return ln(P/N) of a preload [N] that is known to a share of itself [-]."""
+    return Estimate(math.log(preload.value), preload.standard_uncertainty / preload.value)
+
+
 def with_unset_preload(
     prior: CoefficientPrior, readings: Sequence[ModalReading], log_preload: Estimate
 ) -> CoefficientPrior:

@@ -1,13 +1,13 @@
 """``preload calibrate DATA``: k1…k4 of Nguyen's Eq. (8) with covariance, from a modal table or a session."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import calibrate_by_drive
 from monitor_core.preload import (
     Calibration,
     CoefficientPrior,
@@ -15,6 +15,7 @@ from monitor_core.preload import (
     Weighting,
     calibrate as fit_calibration,
     calibration_from_prior,
+    log_preload,
     minimum_detectable_loss,
     prior_from_calibration,
     with_unset_preload,
@@ -27,7 +28,7 @@ from monitor_core.recordings.calibration_file import (
     write_calibration,
 )
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.session import calibrate_judged, excitation_remarks, judge_session, modes_at_set_preloads
+from monitor_core.session import calibrate_judged, excitation_remarks, judge_session
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.data import (
     Data,
@@ -183,36 +184,24 @@ def _from_model(
     from service.cli.inputs.model import model_at  # noqa: PLC0415
 
     axis, settings = read_model_file(model_at(model_file)), axis_settings(band_hz, mass)
+    of_nut = usual_preload_of(axis) if preload_n is None else log_preload(Estimate(*preload_n))
     if data.is_session:
         with opened_session(data) as session:
-            judged = list(judge_session(session, settings))
-        modes = [item.outcome.modal for item in judged if isinstance(item.outcome.modal, ModalMeasurement)]
-        readings = [
-            ModalReading(mode.mode.frequency.value, mode.conditions, mode.mode.frequency.standard_uncertainty)
-            for mode in modes
-            if mode.conditions.preload is None
-        ]
-        at_set_preload = len(modes_at_set_preloads(judged))
-        source = modes[0].excitation_source if modes else ExcitationSource.SENSOR
-        channels = {(mode.excitation_quantity, mode.response_quantity) for mode in modes}
-    else:
-        rows = [row.reading for row in read_modal_table(data.file)]
-        readings, channels = [row for row in rows if row.conditions.preload is None], set()
-        at_set_preload = len(rows) - len(readings)
-        source = ExcitationSource(excitation_source or ExcitationSource.SENSOR)
+            outcomes = [item.outcome.modal for item in judge_session(session, settings)]
+        modes = [modal for modal in outcomes if isinstance(modal, ModalMeasurement)]
+        if not modes:
+            raise NotIdentifiableError("a calibration of a drive model needs a judged measurement; got none")
+        prior = prior_of_drive(axis, modes[0].excitation_source)
+        chosen = Weighting(weighting or Weighting.NONE)
+        return calibrate_by_drive(modes, prior, of_nut, settings=settings, weighting=chosen)
+    rows = [row.reading for row in read_modal_table(data.file)]
+    unset = [row for row in rows if row.conditions.preload is None]
+    source = ExcitationSource(excitation_source or ExcitationSource.SENSOR)
     prior = prior_of_drive(axis, source)
-    if len(channels) == 1:
-        ((quantity, response),) = channels
-        prior = replace(prior, excitation_quantity=quantity, response_quantity=response)
-    if readings:
-        of_nut = usual_preload_of(axis)
-        if preload_n is not None:
-            of_nut = Estimate(math.log(preload_n[0]), preload_n[1] / preload_n[0])
-        prior = with_unset_preload(prior, readings, of_nut)
-    if not at_set_preload:
+    if unset:
+        prior = with_unset_preload(prior, unset, of_nut)
+    if len(unset) == len(rows):
         return calibration_from_prior(prior, moving_mass=mass)
-    if data.is_session:
-        return calibrate_judged(judged, settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior)
     return _fitted([row for row in rows if row.conditions.preload is not None], weighting, mass, source, prior)
 
 

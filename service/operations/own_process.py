@@ -57,6 +57,7 @@ READ_BEFORE = [
     "h5py",  # which they load where they need it
     "monitor_core.change",
     "service.operations.alarm_cause",
+    "service.operations.calibrating.fit_job",
     "service.operations.discrepancy_job",
     "service.operations.identification_job",
     "service.operations.recordings.file_check",

@@ -119,12 +119,24 @@ def newest_monitored(
 
     Those whose waveforms were let go are passed over.
     """
-    let_go = select(WindowRow.id).where(WindowRow.measurement_id == MeasurementRow.id, WindowRow.let_go_by.is_not(None))
-    query = _looked_at(axis_id, start, end).where(
-        MeasurementRow.status == JUDGED, MeasurementRow.set_preload_n.is_(None), ~let_go.exists()
-    )
+    query = _monitored(axis_id, start, end)
     newest_first = query.order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc()).limit(limit)
     return list(session.scalars(newest_first))[::-1]
+
+
+def first_monitored(
+    session: Session, axis_id: str, start: datetime | None, end: datetime | None, limit: int
+) -> list[MeasurementRow]:
+    """Return the first ones, as :func:`newest_monitored`."""
+    query = _monitored(axis_id, start, end)
+    return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id).limit(limit)))
+
+
+def _monitored(axis_id: str, start: datetime | None, end: datetime | None) -> Select[MeasurementRow]:
+    let_go = select(WindowRow.id).where(WindowRow.measurement_id == MeasurementRow.id, WindowRow.let_go_by.is_not(None))
+    return _looked_at(axis_id, start, end).where(
+        MeasurementRow.status == JUDGED, MeasurementRow.set_preload_n.is_(None), ~let_go.exists()
+    )
 
 
 def count_open(session: Session) -> int:

@@ -1,5 +1,6 @@
 """``/axes/{axis}/calibrate``: guided calibration, fitted as a job; ``…/calibrations/{n}``: review, activate."""
 
+import math
 from collections.abc import Sequence
 from typing import Annotated, Final
 
@@ -19,6 +20,7 @@ from service.operations.calibrating.catalogue import AxisProposal
 from service.operations.calibrating.fit_job import KIND, CalibrationJobIn, FittedReading
 from service.operations.calibrating.plan import AxisPlan, PlanIn, calibration_plan
 from service.operations.fields import AxisId, JobId, RowId, Text
+from service.operations.monitoring.axis_configuration import load_configuration
 from service.operations.monitoring.rejudgements import RejudgementIn
 from service.report.calibration_charts import (
     NARROW,
@@ -68,6 +70,26 @@ class FitForm(BaseModel):
 
     comment: Annotated[str, Field(max_length=1000)] = ""
     use_known: bool = False
+    by_drive_model: bool = False
+    preload_n: Annotated[str, Field(max_length=40)] = ""
+    preload_standard_uncertainty_n: Annotated[str, Field(max_length=40)] = ""
+
+    def asked(self, prior: int | None) -> CalibrationJobIn:
+        """Return what is asked for; raises InvalidRequestError where a number is none."""
+        typed = {
+            "preload_n": decimal_point(self.preload_n),
+            "preload_standard_uncertainty_n": decimal_point(self.preload_standard_uncertainty_n),
+        }
+        try:
+            stated = {name: float(text) for name, text in typed.items() if text}
+            return CalibrationJobIn.model_validate(
+                {"prior": prior, "comment": self.comment, "by_drive_model": self.by_drive_model, **stated}
+            )
+        except ValueError as error:  # pydantic's refusals are such, too
+            raise InvalidRequestError(
+                "expected a preload and its standard uncertainty, both above 0 N, or none of both; got "
+                f"{' and '.join(text or 'nothing' for text in typed.values())}"
+            ) from error
 
 
 class ActivateForm(BaseModel):
@@ -114,8 +136,8 @@ def fit(axis: AxisId, page: PageOf, form: Annotated[FitForm, Form()], on: Servic
     """Begin a fit in the background; whoever comes back to the page finds it."""
     prior = on.axes.get(axis).active_calibration_id if form.use_known else None
     try:
-        on.calibration_jobs.start(axis, CalibrationJobIn(prior=prior, comment=form.comment))
-    except MonitorCoreError as error:
+        on.calibration_jobs.start(axis, form.asked(prior))
+    except (InvalidRequestError, MonitorCoreError) as error:
         return _calibrate_page(page, axis, PlanForm(), on, refusal=str(error), status=status_of(error)[0])
     return done(f"/axes/{axis}/calibrate", "fit-begun")
 
@@ -185,6 +207,8 @@ def activate(axis: AxisId, calibration: RowId, form: Annotated[ActivateForm, For
 def _calibrate_page(
     page: Page, axis: str, form: PlanForm, on: Services, *, refusal: str = "", status: int = 200
 ) -> Response:
+    from monitor_core.models.preload_share import usual_log_preload  # noqa: PLC0415  # a start pays for no analysis
+
     row, overview, newest = on.axes.get(axis), on.calibrations.overview(axis), on.calibration_jobs.newest(axis)
     try:
         plan = calibration_plan(on.database, axis, form.asked())
@@ -201,6 +225,8 @@ def _calibrate_page(
         n_usable=len(plan.usable),
         charts=settings_charts(page.words, plan),
         form=form,
+        configuration=load_configuration(row.configuration),
+        usual_factor=math.exp(1.96 * usual_log_preload(1.0).standard_uncertainty),
         job=None if newest is None else JobOut.model_validate(newest),
         calibrations=overview.calibrations,
         active=overview.active,

@@ -1,6 +1,7 @@
 """The way to a calibration over HTTP: a drive of catalogue data, an upload looked into, a plan, a fit."""
 
 import itertools
+import math
 import threading
 import time
 import tomllib
@@ -14,17 +15,29 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from monitor_core.recording import Session
-from monitor_core.recordings.model_file import parse_model
+from monitor_core.preload import ModalReading, PreloadEstimate, estimate_preload
+from monitor_core.recording import Session, Window
+from monitor_core.recordings.calibration_file import calibration_from_document
+from monitor_core.recordings.model_file import model_file_text, parse_model
 from monitor_core.recordings.raw.inspection import read_as_proposed
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.session_hdf5 import write_session
+from monitor_core.uncertainty import Estimate
 from service.documents.map_form import FieldTable, filled_map, map_fields
 from service.operations.calibrating import fit_job
 from service.operations.recordings import file_check
+from tests.identification.test_described_calibration import AXES, SCATTER, Plant
 from tests.recordings.test_drive_signals import drive_log
 from tests.service import stand_in_readers as stand_ins
-from tests.service.conftest import CONFIGURATION, START, Api, axial_frequency, running_service, simulated_measurement
+from tests.service.conftest import (
+    CONFIGURATION,
+    START,
+    Api,
+    axial_frequency,
+    running_service,
+    simulated_measurement,
+    simulated_window,
+)
 from tests.service.test_jobs import wait_for
 
 SETTINGS = list(itertools.product((200.0, 400.0, 600.0, 800.0), (100.0, 200.0, 300.0)))
@@ -188,11 +201,62 @@ def test_a_prior_lets_fewer_measurements_do(api: Api) -> None:
     assert job["status"] == "done", job["error"]
 
 
+def test_a_drive_model_calibrates_where_no_preload_is_known(tmp_path: Path) -> None:
+    """A finite-element axis drawn from its model: to a factor of two, or as well as the preload at first is known.
+
+    A later preload, of which a third is lost, is in both intervals.
+    """
+    plant, by_model = Plant(AXES["small"], np.random.default_rng(11)), {"by_drive_model": True}
+    with running_service(tmp_path / "var") as api:
+        settings = CONFIGURATION | {"windows_per_measurement": 4, "search_band_hz": [120, 300]}
+        api.register("axis", **settings)
+        for number, share in enumerate((0.3, 0.5, 0.7)):
+            api.accept("axis", windows_of(plant.reading(share), number))
+        refused_with(api.http.post("/v1/axes/axis/calibration-jobs", json=by_model), 422, says="expected drive_model")
+        assert "by-drive-model" not in api.http.get("/axes/axis/calibrate").text
+        api.register("axis", **settings | {"drive_model": model_file_text(AXES["small"])})
+        assert "to a factor of 1.9 at best" in api.http.get("/axes/axis/calibrate").text
+
+        job = wait_for(api, start(api, **by_model)["id"], "done", "failed")
+        assert job["status"] == "done", job["error"]
+        typed = {**by_model, "preload_n": f"{plant.preload:g}", "preload_standard_uncertainty_n": ""}
+        assert api.http.post("/axes/axis/calibrate", data=typed).status_code == 422
+        typed["preload_standard_uncertainty_n"] = f"{0.05 * plant.preload:g}"
+        assert api.http.post("/axes/axis/calibrate", data=typed, follow_redirects=False).status_code == 303
+        known = next(job for job in api.http.get("/v1/jobs").json()["jobs"] if job["arguments"].get("preload_n"))
+        assert wait_for(api, known["id"], "done", "failed")["status"] == "done"
+
+        later, factors = plant.reading(0.6, 0.67), []
+        frequency = Estimate(later.frequency, SCATTER * later.frequency)
+        for number in (1, 2):
+            document = api.http.get(f"/v1/axes/axis/calibrations/{number}").json()["document"]
+            assert "3 readings at a preload of" in document["prior"]
+            told = estimate_preload(frequency, later.conditions, calibration_from_document(document))
+            assert isinstance(told, PreloadEstimate)
+            assert told.interval.covers(0.67 * plant.preload)
+            factors.append(told.interval.upper / told.interval.lower)
+        assert factors[0] > 1.86**2 > factors[1] > math.exp(2 * 1.96 * 0.05)
+
+
+def windows_of(reading: ModalReading, number: int) -> list[Window]:
+    """Return four windows of an axis that rings at this frequency."""
+    rng, at = np.random.default_rng(number), START + timedelta(minutes=number)
+    return [
+        simulated_window(
+            rng, reading.frequency, started_at=at + timedelta(seconds=2 * i), conditions=reading.conditions,
+            measurement=f"m{number}",
+        )
+        for i in range(4)
+    ]  # fmt: skip
+
+
 def test_what_cannot_be_fitted_is_refused_before_a_job_is_made(api: Api) -> None:
     refused_with(api.http.post("/v1/axes/axis/calibration-jobs", json={}), 422, says="preload_n set")
     refused_with(api.http.post("/v1/axes/nobody/calibration-jobs", json={}), 404)
     measure(api, SETTINGS[:1])
     refused_with(api.http.post("/v1/axes/axis/calibration-jobs", json={"prior": 99}), 404)
+    for wrong in ({"prior": 1, "by_drive_model": True}, {"preload_n": 300, "preload_standard_uncertainty_n": 20}):
+        refused_with(api.http.post("/v1/axes/axis/calibration-jobs", json=wrong), 422)
 
 
 def test_one_fit_at_a_time_which_can_be_cancelled(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:

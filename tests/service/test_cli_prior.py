@@ -1,6 +1,7 @@
 """``preload calibrate DATA --prior FILE``: few readings joined with a calibration that was there before."""
 
 from collections.abc import Iterable
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from monitor_core.recordings.model_file import write_model_file
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from monitor_core.uncertainty import VectorEstimate
 from tests.identification.test_described_calibration import AXES, Plant
+from tests.service.conftest import START, simulated_window
 from tests.service.test_cli import K_NAMES, assert_refused
 
 SESSIONS = Path(__file__).resolve().parents[2] / "replay_data"
@@ -149,3 +151,30 @@ def test_a_drive_model_will_do_where_no_preload_was_set(preload: Any, predicted:
     low, high = estimate["interval_95_n"]
     assert low < 0.5 * plant.preload < high
     assert 1.4**2 < high / low < 1.8**2  # what is known of the nut, a factor of 1.43 either way, and a bit
+
+
+@pytest.mark.parametrize("one_is_known", [False, True])
+def test_a_drive_model_joins_a_session(preload: Any, tmp_path: Path, one_is_known: bool) -> None:
+    """Windows of the same kind of axis, three measurements, of one of which the preload was set, or of none."""
+    plant, rng = Plant(AXES["small"], np.random.default_rng(8)), np.random.default_rng(9)
+    model, recorded, out = tmp_path / "axis.toml", tmp_path / "unset.session.h5", tmp_path / "wide.json"
+    write_model_file(model, AXES["small"])
+    readings = [plant.reading(share, stated=one_is_known and share == 0.5) for share in (0.3, 0.5, 0.7)]
+    windows = [
+        simulated_window(
+            rng, reading.frequency, started_at=START + timedelta(seconds=60 * number + 2 * i),
+            conditions=reading.conditions, measurement=f"m{number}",
+        )
+        for number, reading in enumerate(readings)
+        for i in range(4)
+    ]  # fmt: skip
+    write_session(recorded, Session("axis", tuple(windows)))
+    said = preload("calibrate", recorded, "--band-hz", 120, 300, "--model", model, "--out", out, "--json").json()
+    assert said["n_readings"] == int(one_is_known)
+    table, later = tmp_path / "later.csv", plant.reading(0.6, 0.6)
+    row = f"{1e3 * later.conditions.position},{later.frequency},0"
+    table.write_text(f"position_mm,frequency_hz,payload_kg\n{row}\n", encoding="utf-8")
+    (estimate,) = preload("estimate", table, "--calibration", out, "--json").json()["estimates"]
+    low, high = estimate["interval_95_n"]
+    assert low < 0.6 * plant.preload < high
+    assert (high / low > 1.86**2) is not one_is_known

@@ -1,27 +1,37 @@
 """Fit a calibration to stored measurements in the background: jobs of kind ``calibration``, found by their axis."""
 
-from typing import Annotated, Final
+from datetime import datetime
+from functools import partial
+from typing import Annotated, Final, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from sqlalchemy.orm import Session
 
+from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import ModalMeasurement
-from monitor_core.preload import Calibration, expected_frequency
+from monitor_core.pipeline import AxisSettings, calibrate_by_drive
+from monitor_core.preload import Calibration, CoefficientPrior, expected_frequency, log_preload
+from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.uncertainty import Estimate
 from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
-from service.operations.fields import Moment, RequestModel
+from service.operations.fields import Moment, RequestModel, SetPreload
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
 from service.operations.monitoring.calibrations import add_calibration, fitted_to, nothing_to_fit
 from service.operations.monitoring.stored_modes import measured_modes
+from service.operations.own_process import Progress, Report, in_own_process
 from service.store import jobs, measurements
 from service.store.axes import get_axis
 from service.store.calibrations import get_calibration
 from service.store.database import Database
-from service.store.tables import JobRow
+from service.store.tables import JobRow, MeasurementRow
+from service.store.trend.epochs import MAINTENANCE, epochs_of
 from service.store.waveforms import WaveformStore
 
 KIND: Final = "calibration"
+#: Measurements whose preload nobody set that join a drive model: more of one preload tell no more of it.
+_MOST_UNSET: Final = 30
 
 
 class CalibrationJobIn(RequestModel):
@@ -34,7 +44,33 @@ class CalibrationJobIn(RequestModel):
     prior: Annotated[int, Field(ge=1, lt=2**63)] | None = Field(
         default=None, description="a calibration of the axis whose k1…k4 were known before: fewer measurements will do"
     )
+    by_drive_model: bool = Field(
+        default=False,
+        description="what the drive model of the axis lets expect is the prior; the first measurements since the "
+        "newest maintenance, or since `from`, are joined with it under one preload that nobody set: to a factor of two",
+    )
+    preload_n: SetPreload | None = Field(
+        default=None, description="of the nut in these, where it is known; goes with by_drive_model"
+    )
+    preload_standard_uncertainty_n: SetPreload | None = Field(default=None, description="goes with preload_n")
     comment: Annotated[str, Field(max_length=1000, pattern=r"^[^\x00]*$")] = ""
+
+    @model_validator(mode="after")
+    def _one_prior(self) -> Self:
+        if self.by_drive_model and self.prior is not None:
+            raise ValueError("expected one of prior and by_drive_model, for each is what was known before; got both")
+        if (self.preload_n is None) != (self.preload_standard_uncertainty_n is None):
+            raise ValueError("preload_n and preload_standard_uncertainty_n are stated together or not at all")
+        if self.preload_n is not None and not self.by_drive_model:
+            raise ValueError("preload_n goes with by_drive_model; measurements that are fitted state their own")
+        return self
+
+    @property
+    def preload(self) -> Estimate | None:
+        """Of the nut where nobody set it [N]; None: as makers set it."""
+        if self.preload_n is None or self.preload_standard_uncertainty_n is None:
+            return None
+        return Estimate(self.preload_n, self.preload_standard_uncertainty_n)
 
 
 class FittedReading(BaseModel):
@@ -67,13 +103,16 @@ class CalibrationJobs:
         """Begin a fit.
 
         Raises UnknownResourceError if there is no such axis or prior; NotIdentifiableError if nothing was measured with
-        a preload set on purpose; ConflictError while the axis is being fitted already; BusyError as for every job.
+        a preload set on purpose, or nothing at all where the axis has a drive model and is calibrated by that;
+        ConflictError while the axis is being fitted already; BusyError as for every job.
         """
         with self._database.read() as session:
-            get_axis(session, axis_id)
+            axis = get_axis(session, axis_id)
             if asked.prior is not None:
                 get_calibration(session, axis_id, asked.prior)
-            if not measurements.calibration_measurements(session, axis_id, asked.start, asked.end):
+            if asked.by_drive_model and load_configuration(axis.configuration).drive_model is None:
+                raise NotIdentifiableError(f"expected drive_model in the settings of axis '{axis_id}'; got none")
+            if not _measured(session, axis_id, asked):
                 raise nothing_to_fit(axis_id)
 
         alone = f"a calibration of axis '{axis_id}' is being fitted"
@@ -99,8 +138,8 @@ class CalibrationJobs:
             return  # it was stored before the interruption
         asked = CalibrationJobIn.model_validate(job.arguments)
         with self._database.read() as session:
-            settings = core_settings(load_configuration(get_axis(session, job.axis_id).configuration))
-            rows = measurements.calibration_measurements(session, job.axis_id, asked.start, asked.end)
+            configuration = load_configuration(get_axis(session, job.axis_id).configuration)
+            settings, rows = core_settings(configuration), _measured(session, job.axis_id, asked)
             prior = None if asked.prior is None else get_calibration(session, job.axis_id, asked.prior).document
         measured: list[tuple[int, ModalMeasurement]] = []
         total = len(rows) + 1  # the fit is a step, too
@@ -108,8 +147,15 @@ class CalibrationJobs:
             job.report(done, total, {})
             measured += [(row.id, modal) for modal in measured_modes(self._database, self._waveforms, settings, [row])]
         job.report(len(rows), total, {})
-        fitted = fitted_to(job.axis_id, settings, [modal for _, modal in measured], None, prior=prior)
-        readings = [_reading(number, modal, fitted) for number, modal in measured]
+        if configuration.drive_model is not None and asked.by_drive_model:
+            of_nut = partial(_of_drive, configuration.drive_model, configuration.excitation_source)
+            steps = Progress(len(rows), total)
+            known = in_own_process(of_nut, lambda at: job.report(steps.done, steps.total, {}), steps)
+            fitted = _fitted_by_drive(job.axis_id, settings, [modal for _, modal in measured], known, asked.preload)
+        else:
+            fitted = fitted_to(job.axis_id, settings, [modal for _, modal in measured], None, prior=prior)
+        at_set_preload = [item for item in measured if item[1].conditions.preload is not None]
+        readings = [_reading(number, modal, fitted) for number, modal in at_set_preload]
 
         def stored(session: Session) -> JsonObject:
             row = add_calibration(session, job.axis_id, fitted, asked.comment)
@@ -131,3 +177,43 @@ def _reading(number: int, modal: ModalMeasurement, fitted: Calibration) -> Fitte
         frequency_hz=frequency,
         residual_hz=frequency - expected_frequency(fitted, conditions),
     )
+
+
+def _measured(session: Session, axis_id: str, asked: CalibrationJobIn) -> list[MeasurementRow]:
+    """Return what is to be fitted: measurements of a preload that was set, before a drive model of one that was not."""
+    rows = measurements.calibration_measurements(session, axis_id, asked.start, asked.end)
+    if asked.by_drive_model:
+        since = asked.start or _newest_maintenance(session, axis_id)
+        rows += measurements.first_monitored(session, axis_id, since, asked.end, _MOST_UNSET)
+    return rows
+
+
+def _newest_maintenance(session: Session, axis_id: str) -> datetime | None:
+    """Tell since when the nut may have the preload that it has now."""
+    epochs = epochs_of(session.connection(), get_axis(session, axis_id).number)
+    return max((epoch.begins_at for epoch in epochs if epoch.begun_by == MAINTENANCE), default=None)
+
+
+def _of_drive(drive_model: str, excitation_source: str, report: Report) -> tuple[CoefficientPrior, Estimate]:
+    """Return what a drive model lets expect of k1…k4, and of ln(P/N): a second of work, in a process of its own."""
+    from monitor_core.identification import prior_of_drive, usual_preload_of  # noqa: PLC0415
+    from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415
+
+    del report
+    axis = parse_model(drive_model, "drive_model")
+    return prior_of_drive(axis, ExcitationSource(excitation_source)), usual_preload_of(axis)
+
+
+def _fitted_by_drive(
+    axis_id: str,
+    settings: AxisSettings,
+    measured: list[ModalMeasurement],
+    known: tuple[CoefficientPrior, Estimate],
+    preload: Estimate | None,
+) -> Calibration:
+    # a preload that nobody set says nothing of the payload, so that those with one are left out
+    usable = [m for m in measured if m.conditions.preload is not None or not m.conditions.payload_mass]
+    if not usable:
+        raise nothing_to_fit(axis_id)
+    prior, usual = known
+    return calibrate_by_drive(usable, prior, usual if preload is None else log_preload(preload), settings=settings)

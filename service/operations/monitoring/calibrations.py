@@ -167,7 +167,8 @@ def nothing_to_fit(axis_id: str) -> NotIdentifiableError:
     """Return the refusal of a fit without measurements."""
     return NotIdentifiableError(
         f"axis '{axis_id}' has no judged measurement with preload_n set in that range; a calibration needs "
-        "them at three or more positions and two or more preloads, or with a prior one"
+        "them at three or more positions and two or more preloads, or with a prior one; by a drive model one will do "
+        "whose preload nobody set, without payload"
     )
 
 
