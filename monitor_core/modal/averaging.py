@@ -142,13 +142,14 @@ def average_and_fit(
             )
         cross = cross_spectra(spectra.of_windows(kept), taper=taper)
         frf = estimate_frf(cross, quantity=quantity)
-        candidate = next(iter(strongest_peaks(candidate_peaks(frf, band), cross, gate)), None)
-        if candidate is None:
-            return Rejection(
-                RejectionReason.NO_PEAK_IN_BAND,
-                f"no significant peak from {band[0]:g} to {band[1]:g} Hz in {kept.sum()} averages",
-            )
-        fit = _fit_peak(spectra.of_windows(kept), candidate, maximum_modes, band)
+        fit: ModeFit | Rejection = Rejection(
+            RejectionReason.NO_PEAK_IN_BAND,
+            f"no significant peak from {band[0]:g} to {band[1]:g} Hz in {kept.sum()} averages",
+        )
+        for candidate in strongest_peaks(candidate_peaks(frf, band), cross, gate):
+            fit = _fit_peak(spectra.of_windows(kept), candidate, maximum_modes, band)
+            if not (isinstance(fit, Rejection) and fit.reason is RejectionReason.NO_PEAK_IN_BAND):
+                break
         if isinstance(fit, Rejection):
             return fit
         residual, response = window_misfit(fit, spectra)

@@ -182,7 +182,8 @@ def poles_of(parameters: FloatArray, order: ModelOrder) -> FloatArray:
 def basis_of(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Basis:
     """Build the linear terms of the model; ``parameters`` as in the module's text."""
     f = lines.frequency
-    a = reduce(np.multiply, [pole_factor(f, *pole) for pole in poles_of(parameters, order)])
+    poles = [pole_factor(f, *pole) for pole in poles_of(parameters, order)]
+    a = reduce(np.multiply, poles, np.ones(f.size, dtype=np.complex128))
     powers = np.empty((max(order.n_response_terms, order.n_transient_terms), f.size), dtype=np.complex128)
     powers[0], powers[1:] = 1.0 / a, normalised_frequency(f, f)
     np.multiply.accumulate(powers, axis=0, out=powers)

@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.modal.model import FitLines, basis_of, normalised_frequency, pole_factor
-from monitor_core.modal.selection import leaves_response, likeliest_model, rival_of
+from monitor_core.modal.selection import leaves_response, likeliest_model, rival_of, stands_out
 from monitor_core.modal.variable_projection import Solution, degrees_of_freedom, solution_at
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.response import ModalParameters
@@ -148,7 +148,8 @@ def fit_modes(
 
     The un-windowed lines are those of a band wide enough for the fit, which starts at the given frequency [Hz], e.g. a
     candidate peak, and damping ratio, where a factor of three off does no harm. At most one or two modes are fitted.
-    ``FIT_FAILED`` is the rejection if there are too few lines or no optimum near the start.
+    ``FIT_FAILED`` is the rejection if there are too few lines or no optimum near the start, ``NO_PEAK_IN_BAND`` if the
+    excitation explains the response as well without the mode.
 
     The formal covariance :math:`\tfrac12 (\mathrm{Re}\,J^H J)^{-1}` of the whitened problem is right if the noise is on
     the response alone. Noise on the torque makes it too small; the scatter of the windows' own pulls on the estimate
@@ -188,7 +189,18 @@ def fit_modes(
         next_low, next_high = _reach(*start, spectra.resolution, band)
         if 0.8 < (next_high - next_low) / (high - low) < 1.25:
             break
+    gain, by_chance = stands_out(lines, solution, _place_of(fit.modes[0], solution))
+    if gain < by_chance:
+        return Rejection(
+            RejectionReason.NO_PEAK_IN_BAND,
+            f"the peak at {fit.modes[0].frequency.value:.6g} Hz must stand above the noise: a mode there must raise "
+            f"twice the log likelihood by {by_chance:.3g}; got {gain:.3g}",
+        )
     return fit if maximum_modes < 2 else _widened_by_richer_response(lines, solution, fit)
+
+
+def _place_of(mode: ModalParameters, solution: Solution) -> int:
+    return int(np.argmin(np.abs(solution.modes[:, 0] - mode.frequency.value)))
 
 
 def _widened_by_rival(lines: FitLines, solution: Solution, fit: ModeFit) -> ModeFit:
@@ -231,7 +243,7 @@ def _widened_by_richer_response(lines: FitLines, solution: Solution, fit: ModeFi
     richer = replace(order, response_modes=(order.response_modes or order.n_modes) + 1)
     if degrees_of_freedom(lines, richer) <= 0:
         return fit
-    first = 2 * int(np.argmin(np.abs(solution.modes[:, 0] - mode.frequency.value)))
+    first = 2 * _place_of(mode, solution)
     try:
         of_richer = solution_at(lines, solution.parameters, richer)
         steps = [_inverse(at) @ _pulls(at).sum(axis=1) for at in (solution, of_richer)]

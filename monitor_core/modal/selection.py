@@ -242,6 +242,29 @@ def leaves_response(lines: FitLines, one_mode: Solution, *, enough_before: bool 
     return gain > limit and gain > limit * overdispersion(lines, one_mode.parameters, plain, background)
 
 
+def stands_out(lines: FitLines, solution: Solution, mode: int) -> tuple[float, float]:
+    r"""Return what a mode of a solution brings in twice the log likelihood, and what chance alone seldom brings.
+
+    .. math:: N \ln \frac{\sum |R_{-i}|^2}{\sum |R|^2}
+
+    with N real data, and the residual :math:`R_{-i}` of a response without the pole but of as many terms, under the
+    same noise and with the same terms of the windows. Noise has peaks, too, those of a scale the higher the frequency,
+    and of few windows some are coherent by chance; a smooth response explains them as well as a mode does. Chance: a
+    :math:`\chi^2` of frequency and damping, sought on all lines.
+    """
+    order, kept = solution.order, np.arange(solution.parameters.size) // 2 != mode
+    without = replace(
+        order,
+        n_modes=order.n_modes - 1,
+        response_modes=order.response_modes or order.n_modes,
+        transient_modes=order.transient_modes or order.n_modes,
+    )
+    own = basis_of(lines, solution.parameters, order)
+    cost = forced_cost(lines, solution.parameters[kept], without, own)
+    gain = 2 * lines.response.size * math.log(cost / solution.projection.cost)
+    return gain, float(scipy.special.chdtri(2, _FALSE_ALARM_PROBABILITY / lines.frequency.size))
+
+
 def _richer_model(white: FitLines, one_mode: Solution) -> Solution | None:
     r"""Return a richer B of the one mode, or a second mode, if the excitation's own trace in the residual asks for it.
 
