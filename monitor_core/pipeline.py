@@ -22,6 +22,7 @@ from monitor_core.preload import (
     Calibration,
     CoefficientPrior,
     ConditionLaw,
+    DriveLaw,
     ModalReading,
     PreloadEstimate,
     SessionSums,
@@ -111,7 +112,8 @@ class AxisState:
     """Where an axis stands: its charts, the conditions of their baseline, and the places of the session.
 
     Without a calibration the charts watch 1/f² at the mean conditions of the baseline: ``law`` brings it there. Until
-    it is learnt, with the baseline, ``sums`` hold what the sessions so far say of it, in their order.
+    it is learnt, with the baseline, ``sums`` hold what the sessions so far say of it, in their order, ``drive`` what
+    the drive model does.
     """
 
     detector: DetectorState = field(default_factory=DetectorState)
@@ -121,6 +123,7 @@ class AxisState:
     joint: JointState = field(default_factory=JointState)  # of the numbers that are watched together
     law: ConditionLaw | None = None
     sums: tuple[SessionSums, ...] = ()
+    drive: DriveLaw | None = None
 
 
 def search_band(settings: AxisSettings, calibration: Calibration | None, window: Window) -> tuple[float, float]:
@@ -441,6 +444,7 @@ def advance_feature(
         if state.sums
         else joint_step(state.joint, _numbers_of(charted, observation, calibration), design, WATCHED_TOGETHER),
         sums=() if detector.known is not None else state.sums,
+        drive=None if detector.known is not None else state.drive,
     )
 
 
@@ -478,7 +482,7 @@ def _by_own_law(state: AxisState, charted: ChartedFeature) -> tuple[AxisState, f
         of_session = sums[-1] if goes_on and sums else SessionSums()
         before = sums[:-1] if goes_on else sums
         sums = (*before, of_session.with_measurement(feature.value, variance, conditions))
-        law = learn_law(sums)
+        law = learn_law(sums, state.drive)
         sessions = [*detector.learning, *([] if detector.session is None else [detector.session])]
         brought = [_brought(session, law, each) for session, each in zip(sessions, state.sums, strict=True)]
         session = brought.pop() if detector.session is not None else None

@@ -16,6 +16,7 @@ from monitor_core.identification.answer import (
 )
 from monitor_core.identification.cases import PredictionError as PredictionError
 from monitor_core.identification.described_calibration import (
+    law_of_drive as law_of_drive,
     prior_of_drive as prior_of_drive,
     usual_preload_of as usual_preload_of,
 )

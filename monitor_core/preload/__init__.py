@@ -60,6 +60,7 @@ from monitor_core.preload.prior import (
 from monitor_core.preload.relative import (
     UNSTATED_SHARE as UNSTATED_SHARE,
     ConditionLaw as ConditionLaw,
+    DriveLaw as DriveLaw,
     SessionSums as SessionSums,
     learn_law as learn_law,
     preload_lost as preload_lost,

@@ -16,9 +16,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.preload.feature import UNKNOWN_TEMPERATURE_COEFFICIENT
+from monitor_core.preload.prior import CONTRADICTION
 from monitor_core.recording import Conditions
 from monitor_core.uncertainty import Interval, IntervalKind
 
@@ -32,6 +34,8 @@ _LEAST_POSITION, _LEAST_PAYLOAD = 0.05, 1.0
 #: Temperature of an axis of which none is stated: never, and then it does not matter, or now and then [°C].
 _ROOM = 20.0
 _N = 4  # terms
+#: Variance that the law of a drive model keeps in each direction, in units of what the term may change: of rounding.
+_LEAST_WIDTH = 1e-10
 
 
 def condition_terms(conditions: Conditions) -> FloatArray:
@@ -97,18 +101,43 @@ class ConditionLaw:
         return float(mean[_N] - theta @ (mean[:_N] - self.reference)), float(against @ products @ against)
 
 
-def learn_law(sessions: Sequence[SessionSums]) -> ConditionLaw:
+@dataclass(frozen=True, slots=True)
+class DriveLaw:
+    r"""What a drive model lets expect of :math:`1/f^2 = c + \theta_1 x + \theta_2 x^2` before anything is measured."""
+
+    coefficients: tuple[float, ...]  # c [s²], θ₁ [s²/m], θ₂ [s²/m²], at a preload that nobody set
+    covariance: tuple[float, ...]  # row by row, shape (3, 3)
+
+    def given(self, level: float, x: float, x_squared: float) -> tuple[FloatArray, FloatArray] | None:
+        """Return mean and covariance of θ₁ and θ₂ where 1/f² has a level at mean x and x²; None if that contradicts.
+
+        Conditional normal distribution; what is less probable than :data:`CONTRADICTION` is another axis.
+        """
+        mean, covariance = np.array(self.coefficients), np.reshape(self.covariance, (3, 3))
+        at = np.array([1.0, x, x_squared])
+        variance, off = float(at @ covariance @ at), level - float(at @ mean)
+        if off**2 > float(scipy.special.chdtri(1, CONTRADICTION)) * variance:
+            return None
+        gain = covariance @ at / variance
+        return (mean + gain * off)[1:], (covariance - np.outer(gain, at @ covariance))[1:, 1:]
+
+
+def learn_law(sessions: Sequence[SessionSums], drive: DriveLaw | None = None) -> ConditionLaw:
     """Fit how 1/f² follows position and payload to the sessions of an axis.
 
     What they do not tell is as unknown as physics leaves it (type B, standard uncertainties): 1/f² may change by all of
     itself over the way to the fixed bearing, or with twice the payload, and with temperature as
     :data:`~monitor_core.preload.feature.UNKNOWN_TEMPERATURE_COEFFICIENT` has it. A law of one place corrects nothing
-    there, and says of other places that nothing is known.
+    there, and says of other places that nothing is known. Where a drive model says it, and the axis has the level that
+    the model lets expect, how 1/f² follows the position is as unknown as the model leaves it: the more the sessions
+    tell, the less that counts.
 
     Parameters
     ----------
     sessions : sequence of SessionSums
         One at least.
+    drive : DriveLaw, optional
+        Of the drive model of the axis, for no payload: sessions under one do not use it.
 
     Returns
     -------
@@ -124,6 +153,12 @@ def learn_law(sessions: Sequence[SessionSums]) -> ConditionLaw:
     usual = level * np.array([1.0 / x, 1.0 / x**2, 1.0 / payload, UNKNOWN_TEMPERATURE_COEFFICIENT])
     # in units of what each may change, so that nothing depends on a unit
     scale = usual / level
+    expected, precision = np.zeros(_N), np.eye(_N)
+    if drive is not None and not reference[2]:
+        given = drive.given(level, float(reference[0]), float(reference[1]))
+        if given is not None:
+            expected[:2] = given[0] / usual[:2]
+            precision[:2, :2] = np.linalg.inv(given[1] / np.outer(usual[:2], usual[:2]) + _LEAST_WIDTH * np.eye(2))
     terms, y = (mean[:, :_N] - reference) * scale, (mean[:, _N] - level) / level
     within, toward = products[:_N, :_N] * np.outer(scale, scale), products[:_N, _N] * scale / level
     squares = products[_N, _N] / level**2
@@ -132,15 +167,15 @@ def learn_law(sessions: Sequence[SessionSums]) -> ConditionLaw:
 
     error = max(own, np.finfo(np.float64).eps)
     between = max(float(np.var(y)), error)
-    theta, covariance = np.zeros(_N), np.eye(_N)
+    theta, covariance = expected, np.linalg.inv(precision)
     for _ in range(_ROUNDS):
         before = error + between
         weight = 1.0 / (between + error / count)
         centred = terms - weight @ terms / weight.sum()
         off = y - weight @ y / weight.sum()
         of_within, of_between = within / error, (centred * weight[:, np.newaxis]).T @ centred
-        covariance = np.linalg.inv(np.eye(_N) + of_within + of_between)
-        theta = covariance @ (toward / error + (centred * weight[:, np.newaxis]).T @ off)
+        covariance = np.linalg.inv(precision + of_within + of_between)
+        theta = covariance @ (precision @ expected + toward / error + (centred * weight[:, np.newaxis]).T @ off)
         dof = n_within - float(np.trace(covariance @ of_within))
         left = squares - 2.0 * theta @ toward + theta @ within @ theta
         error = max(left / dof, own, np.finfo(np.float64).eps) if dof > 0.5 else error

@@ -16,9 +16,12 @@ import scipy.signal
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisSettings, AxisState, advance, judge_measurement
 from monitor_core.recording import Window
+from monitor_core.recordings.model_file import model_file_text
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from service.operations.monitoring.intake.chart_state import load_state
+from tests.identification.test_described_calibration import AXES, Plant
 from tests.service.conftest import SAMPLE_RATE, START, Api, axial_frequency, simulated_measurement
+from tests.service.test_calibrating import windows_of
 
 N_HEALTHY, N_LOST = 12, 5
 PLACES_MM = (400.0, 500.0, 600.0)
@@ -59,6 +62,24 @@ def test_a_loss_is_alarmed_without_a_calibration_and_without_newtons(watched: Ap
     assert least < 100.0 * (1.0 - 100.0 / 300.0) < most
     assert " N " not in evidence["sentence"]
     assert f"fell by {evidence['frequency_fall_percent']:.3g} ±" in evidence["sentence"]
+
+
+def test_a_drive_model_tells_the_law_of_places_that_an_axis_has_not_shown(api: Api) -> None:
+    """Learnt at one place of a finite-element axis, then measured 40 mm beside it: compared where there is a model."""
+    plant = Plant(AXES["small"], np.random.default_rng(31))
+    models = {"modelled": {"drive_model": model_file_text(AXES["small"])}, "bare": {}}
+    seen = {}
+    for axis, model in models.items():
+        api.register(axis, windows_per_measurement=4, search_band_hz=[120, 300], **model)
+        for day in range(10):
+            reading = plant.reading(0.3 if day < 9 else 0.34)
+            windows = [
+                replace(window, started_at=window.started_at + timedelta(days=day))
+                for window in windows_of(reading, day)
+            ]
+            api.accept(axis, windows)
+        seen[axis] = [point["uncharted"] for point in api.trend(axis)]
+    assert seen == {"modelled": [None] * 10, "bare": [None] * 9 + ["not-comparable"]}
 
 
 def test_every_page_says_it_in_percent(watched: Api) -> None:

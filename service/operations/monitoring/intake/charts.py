@@ -28,6 +28,7 @@ from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import ClosedSession, DetectorDesign, closed_session
 from monitor_core.uncertainty import Estimate
+from service.operations.monitoring.axis_configuration import load_configuration
 from service.operations.monitoring.intake.chart_state import (
     begun,
     dump_state,
@@ -35,6 +36,7 @@ from service.operations.monitoring.intake.chart_state import (
     load_state,
     session_record,
 )
+from service.operations.monitoring.preload_share import drive_law
 from service.store.axes import lubrications_of, was_lubricated
 from service.store.calibrations import CalibrationsInForce
 from service.store.intake import AxisRecord, ChartsRecord
@@ -328,6 +330,10 @@ class _Fold:
         charted = point.uncharted is None and _feature_of(point, calibration) is not None
         if charted:
             lubricated = was_lubricated(self._lubricated, before.detector.last_at, point.at)
+            if calibration is None and before.law is None:
+                configuration = load_configuration(self._axis.configuration)
+                law = drive_law(configuration.drive_model, configuration.excitation_source)
+                before = replace(before, drive=law)
             self._state = _advanced(before, point, calibration, self._design, lubricated=lubricated)
             self._session_of[point.measurement_id] = self._state.places_since
             self._watched.add(self._charts.epoch)
