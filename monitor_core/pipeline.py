@@ -121,9 +121,9 @@ class AxisState:
     places: Places = field(default_factory=Places)  # of the session that is going on
     places_since: datetime | None = None  # when it began
     joint: JointState = field(default_factory=JointState)  # of the numbers that are watched together
+    drive: DriveLaw | None = None
     law: ConditionLaw | None = None
     sums: tuple[SessionSums, ...] = ()
-    drive: DriveLaw | None = None
 
 
 def search_band(settings: AxisSettings, calibration: Calibration | None, window: Window) -> tuple[float, float]:
