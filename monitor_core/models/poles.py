@@ -1,93 +1,124 @@
-"""Find zeros: poles of a drive by Newton's method with the circles for their residues, and zeros within brackets.
+"""Find zeros by their number where they can be counted, and poles by Newton's method with circles for their residues.
 
-The zeros of many functions of one variable are found at once, each between two places where its signs differ.
+Those of many functions of one variable are found at once.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray
 
-#: Distance of the two ends, relative to the one where the function is nearer to zero, at which a zero is found.
-_TOLERANCE = 1e-15
-#: As many as halve the widest interval of numbers until nothing is left of it.
-_MOST_STEPS = int(math.log2(np.finfo(np.float64).max) - math.log2(np.finfo(np.float64).smallest_normal))
+#: Relative distance on both sides of a zero at which it is counted.
+_AROUND = 1e-10
+#: A step of Newton's method from whose end the next would be lost in rounding; relative.
+_LAST_STEP = 1e-8
+#: Relative width of an interval in which nothing is left to be found.
+_ROUNDING = 4e-16
+#: Steps by Newton's method; what is not found by then is found by halving, until nothing is left of the interval.
+_MOST_NEWTON_STEPS, _MOST_STEPS = 40, 120
+
+Numbers = npt.NDArray[np.intp]
 
 
-def zeros_between(
-    function: Callable[[FloatArray, npt.NDArray[np.intp]], FloatArray],
-    between: tuple[FloatArray, FloatArray],
-    values: tuple[FloatArray, FloatArray],
-    which: npt.NDArray[np.intp],
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedZeros:
+    """Zeros that are sought by their numbers; each array has the shape (n_zeros,)."""
+
+    which: Numbers  # number of the function that has the zero
+    number: Numbers  # how many zeros of it are no higher
+    low: FloatArray  # a place with fewer zeros below
+    high: FloatArray  # a place with at least as many below
+
+    def at(self, chosen: Numbers) -> "NumberedZeros":
+        """Return some of them."""
+        return NumberedZeros(self.which[chosen], self.number[chosen], self.low[chosen], self.high[chosen])
+
+    def bound(self, chosen: Numbers, low: FloatArray, high: FloatArray) -> None:
+        """Narrow the bounds of some of them; nan where there is none."""
+        self.low[chosen], self.high[chosen] = np.fmax(self.low[chosen], low), np.fmin(self.high[chosen], high)
+
+
+def numbered_zeros(
+    look: Callable[[FloatArray, Numbers], tuple[Numbers, FloatArray]],
+    count: Callable[[FloatArray, Numbers], Numbers],
+    zeros: NumberedZeros,
+    start: FloatArray,
 ) -> FloatArray:
-    """Return the zero between each low and high; nan where the signs there do not differ or the function is none.
+    """Return the zeros of functions whose zeros can be counted, wherever the search starts; shape (n_zeros,).
 
-    ``values`` are those of the function at low and high, which a caller that looked for changes of sign has already.
+    Newton's method leads from ``start`` to a zero; the counts on both sides of it tell whether it is the one that is
+    sought. Until it is, all places that were looked at bound the interval in which that one lies, and the search goes
+    on from the middle of it where no step leads to it. So a zero is followed where it is near, and found where it is
+    not.
 
-    Chandrupatla's method [1]_, with the arithmetic of ``scipy.optimize.elementwise.find_root``, whose numbers these
-    are; that of SciPy takes longer for its own steps than a closed form for its values.
-
-    The function takes places and what of ``which``, the number of the function in each interval, goes with them, and
-    returns the values there. All arrays have the shape (n_zeros,).
-
-    References
-    ----------
-    .. [1] T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a nonlinear function
-       without using derivatives, Advances in Engineering Software 28 (1997) 145-149.
+    ``look`` takes places and what of ``which`` goes with them, and returns how many zeros lie below and f/f' there;
+    ``count`` is the same without f/f'.
     """
-    (x1, x2), (f1, f2) = between, values
-    zeros = np.full(x1.size, np.nan)
-    sought = np.arange(x1.size)
-    x3, f3, share = x2, f2, np.full(x1.size, 0.5)
-    for step in range(_MOST_STEPS + 1):
-        nearer = np.abs(f1) < np.abs(f2)
-        best = np.where(nearer, x1, x2)
-        distance, tolerance = np.abs(x2 - x1), np.abs(best) * _TOLERANCE
-        at_zero = np.where(nearer, f1, f2) == 0.0
-        lost = (np.sign(f1) == np.sign(f2)) | (np.isnan(f1) & np.isnan(f2))
-        done = at_zero | lost | (distance < tolerance)
-        if step == _MOST_STEPS or done.all():
-            zeros[sought] = np.where(lost & ~at_zero, np.nan, best)
+    place, moved = start.copy(), np.full(start.size, np.inf)
+    found = np.zeros(start.size, dtype=np.bool_)
+    for step in range(_MOST_STEPS):
+        going = np.flatnonzero(~(moved <= _LAST_STEP * place))
+        if not going.size:  # all are where a step ended that was short
+            left = np.flatnonzero(~found)
+            around = np.concatenate([place[left] * (1.0 - _AROUND), place[left] * (1.0 + _AROUND)])
+            counts = count(around, np.tile(zeros.which[left], 2))
+            before, behind = np.split(counts >= np.tile(zeros.number[left], 2), 2)
+            found[left] = behind & ~before
+            if found.all():
+                break
+            zeros.bound(left, np.where(behind, np.nan, place[left]), np.where(before, place[left], np.nan))
+            going = left[before | ~behind]
+            place[going] = np.nan
+        some = zeros.at(going)
+        inside = (some.low < place[going]) & (place[going] < some.high)
+        here = np.where(inside, place[going], 0.5 * (some.low + some.high))
+        if step < _MOST_NEWTON_STEPS:
+            (low, high), place[going], moved[going] = _stepped(some, here, *look(here, some.which))
+        else:
+            passed = count(here, some.which) >= some.number
+            low, high = np.where(passed, np.nan, here), np.where(passed, here, np.nan)
+            place[going], moved[going] = np.nan, np.inf
+        zeros.bound(going, low, high)
+        narrow = going[zeros.high[going] - zeros.low[going] <= _ROUNDING * zeros.high[going]]
+        place[narrow], moved[narrow], found[narrow] = zeros.high[narrow], 0.0, True
+        if found.all():
             break
-        if done.any():
-            zeros[sought[done]] = np.where(lost & ~at_zero, np.nan, best)[done]
-            running = ~done
-            sought, which, distance, tolerance, share = (
-                sought[running],
-                which[running],
-                distance[running],
-                tolerance[running],
-                share[running],
-            )
-            x1, x2, x3, f1, f2, f3 = x1[running], x2[running], x3[running], f1[running], f2[running], f3[running]
-        if step:
-            share = _share((x1, x2, x3), (f1, f2, f3))
-            margin = 0.5 * tolerance / distance
-            share = np.minimum(np.maximum(share, margin), 1.0 - margin)
-        x = x1 + share * (x2 - x1)
-        f = function(x, which)
-        same = np.sign(f) == np.sign(f1)
-        x3, f3 = np.where(same, x1, x2), np.where(same, f1, f2)
-        x2, f2 = np.where(same, x2, x1), np.where(same, f2, f1)
-        x1, f1 = x, f
-    return zeros
+    return place
 
 
-def _share(places: Sequence[FloatArray], values: Sequence[FloatArray]) -> FloatArray:
-    """Return how far to go from the first place to the second: by inverse parabola through all three, or halfway."""
-    (x1, x2, x3), (f1, f2, f3) = places, values
-    xi = (x1 - x2) / (x3 - x2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        phi = (f1 - f2) / (f3 - f2)
-    alpha = (x3 - x1) / (x2 - x1)
-    smooth = ((1.0 - np.sqrt(1.0 - xi)) < phi) & (phi < np.sqrt(xi))
-    share = np.full(xi.size, 0.5)
-    a, b, c = f1[smooth], f2[smooth], f3[smooth]
-    share[smooth] = a / (a - b) * c / (c - b) - alpha[smooth] * a / (c - a) * b / (b - c)
-    return share
+def _stepped(
+    zeros: NumberedZeros, place: FloatArray, below: Numbers, newton: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the places next to each zero, where a step to it ends, and how long that is; not a number without one.
+
+    A step forward leads to the zero behind those that lie below, one backward to the last of these: that from the
+    place of a zero itself, or that from the place next to it, of another one.
+    """
+    order = np.lexsort((place, zeros.which))
+    leads_to = np.where(newton > 0.0, below, below + 1)
+    most = int(max(np.max(below), np.max(zeros.number))) + 2
+    passed = np.maximum.accumulate((zeros.which * most + below)[order])
+    behind = np.searchsorted(passed, zeros.which * most + zeros.number)
+    none = np.stack([behind < 1, behind == place.size])
+    neighbours = order[np.where(none, 0, np.stack([behind - 1, behind]))]
+    none |= zeros.which[neighbours] != zeros.which
+    low, high = np.where(none, np.nan, place[neighbours])
+    sources = np.concatenate([np.arange(place.size)[None], neighbours])
+    ends, lengths = place[sources] - newton[sources], np.abs(newton[sources])
+    right = (leads_to[sources] == zeros.number) & (zeros.which[sources] == zeros.which)
+    right[0] |= lengths[0] <= _AROUND * place
+    right &= (np.fmax(zeros.low, low) <= ends) & (ends <= np.fmin(zeros.high, high))
+    first = np.argmax(right, axis=0)[None]
+    found = np.any(right, axis=0)
+    return (
+        np.stack([low, high]),
+        np.where(found, np.take_along_axis(ends, first, axis=0)[0], np.nan),
+        np.where(found, np.take_along_axis(lengths, first, axis=0)[0], np.inf),
+    )
 
 
 _NEWTON_STEPS = 30

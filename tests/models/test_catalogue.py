@@ -92,5 +92,5 @@ def test_a_drive_without_a_mode_that_could_be_watched_is_refused_in_a_sentence()
 
 def test_a_screw_with_a_crowd_of_modes_is_refused_before_they_are_sought() -> None:
     soft = replace(drive_from_catalogue(NGUYEN).parameters, shear_modulus=1e-3)
-    with pytest.raises(OutsideValidityError, match="at most 500 half waves below 2000 Hz; got"):
+    with pytest.raises(OutsideValidityError, match="at most 500 natural frequencies below 2000 Hz; got"):
         ExtendedModel.of(soft).natural_frequencies(DriveConditions(0.5, 300.0))

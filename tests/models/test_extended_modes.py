@@ -10,6 +10,10 @@ import scipy.optimize
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import ExtendedModel, natural_frequencies, physics_of
+from monitor_core.models.extended.closed_form import characteristic, entire_parts
+from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
+from monitor_core.models.extended.modes import FollowedModes, drive_modes
+from monitor_core.models.extended.settings import axis_at
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd
 from tests.models.extended_axes import FAMILIES, add, bundled, case_of, conditions_of, response_of, undamped
 from tests.models.finite_elements import Assembly, Axis
@@ -227,6 +231,59 @@ def test_modes_superpose_to_the_response() -> None:
     shapes = modes.angle_at_motor * modes.displacement_at_table
     square = (2.0 * np.pi * modes.frequency) ** 2 - (2.0 * np.pi * frequency[:, None]) ** 2
     np.testing.assert_allclose(np.sum(shapes / square, axis=1), response_of(physics, case).real, rtol=1e-3)
+
+
+# --- followed from one axis to another -------------------------------------------------------------------------------
+
+BENDING = {"compliance": 2e-9, "frequency": 60.0}
+JOINTS = ("bearing_stiffness", "far_bearing_stiffness", "nut_stiffness", "coupling_stiffness", "bracket_stiffness")
+
+
+def drawn(rng, family, decades):
+    """Return an axis with joints that are nothing, or rigid, or in between, and one thing or another beside them."""
+    physics = undamped(physics_of(bundled(family).parameters))
+    joints = {
+        name: stiffness * 10.0 ** rng.uniform(-decades, decades)
+        for name in JOINTS
+        if np.isfinite(stiffness := getattr(physics.joints, name))
+    }
+    extra = EXTRAS[rng.choice(list(EXTRAS))]
+    bending = replace(physics.bending, **BENDING) if rng.random() < 0.4 else physics.bending
+    return replace(add(undamped(physics, **joints), **extra), bending=bending)
+
+
+def softer_with_level(physics, setting):
+    """Return the axis with a nut that follows the excitation."""
+    nut = physics.joints.nut_stiffness * (1.0 - 0.3 * setting.excitation_level)
+    return replace(physics, joints=replace(physics.joints, nut_stiffness=nut))
+
+
+@pytest.mark.parametrize("decades", [0.3, 6.0])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_modes_that_are_followed_are_those_that_are_sought(family, decades) -> None:
+    """However far an axis is from the one before: each mode once, and a change of sign at each of them."""
+    rng, followed = np.random.default_rng([FAMILIES.index(family), int(100 * decades)]), FollowedModes()
+    parameters = bundled(family).parameters
+    for number in range(5):
+        conditions = [conditions_of(parameters, share, excitation_level=rng.random()) for share in rng.random(3)]
+        ends, physics = list(MotorEnd), drawn(rng, family, decades)
+        if number % 4 == 3:
+            physics = replace(physics, by_setting=(softer_with_level,))
+        modes, alone = (
+            modes_of(physics, conditions, ends, 10.0 ** rng.uniform(2.2, 3.5) if number == 0 else 1500.0)
+            for modes_of in (followed.of, drive_modes)
+        )
+        if number == 0:
+            continue
+        np.testing.assert_array_equal(modes.condition, alone.condition)
+        np.testing.assert_allclose(modes.undamped_omega, alone.undamped_omega, rtol=1e-9)
+        for here, omega in enumerate(modes.of_each(3)):
+            axis = axis_at(physics, condition_arrays(conditions).setting(here)) if physics.by_setting else physics
+            between = np.sqrt(np.r_[1e-5 * omega[:1], omega] * np.r_[omega, 2.0 * np.pi * 1500.0])
+            states = axis_states(axis, condition_arrays([conditions[here]])).at(np.zeros(between.size, dtype=np.intp))
+            masks = end_masks([ends[here]]).at(np.zeros(between.size, dtype=np.intp))
+            sign = np.sign(np.real(characteristic(entire_parts(axis, between, states, masks))))
+            np.testing.assert_array_equal(sign[1:], -sign[:-1])
 
 
 def test_many_conditions_at_once_are_each_alone() -> None:

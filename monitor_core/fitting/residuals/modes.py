@@ -10,7 +10,7 @@ A damping ratio that is stated with a frequency is compared with that of the sam
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -25,7 +25,7 @@ from monitor_core.fitting.conditions.settings import SettingTolerances, known_ma
 from monitor_core.fitting.observations import ModalObservation, conditions_in_order
 from monitor_core.fitting.residuals.natural_frequencies import assign_modes, modal_values
 from monitor_core.models.extended import AxisPhysics, moving_mass
-from monitor_core.models.extended.modes import DriveModes, drive_modes, with_damping
+from monitor_core.models.extended.modes import DriveModes, FollowedModes, with_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 #: Misfit of a frequency that no mode of the model comes near: as if it were a quarter too low.
@@ -49,6 +49,7 @@ class ModesComparison(AsMeasured):
     frequency_of: Indices  # which value is the frequency of the mode of each value: of a frequency itself, (n_values,)
     unit: str  # sigma where there are damping ratios: a gap of them in % would hide that of the frequencies
     tolerances: SettingTolerances
+    followed: FollowedModes = field(default_factory=FollowedModes)  # from one axis of a search to the next
 
     least_delta_bic = 10.0  # few and independent values: very strong evidence by Kass and Raftery (1995)
     condition_error_names = ("position", "preload")
@@ -151,7 +152,7 @@ class ModesComparison(AsMeasured):
         # without damping where none was measured: axes that differ in nothing else are then equal
         damped = physics if np.any(self.damping) else with_damping(physics, 0.0)
         every = tuple(stated for of_settings in conditions for stated in of_settings)
-        modes = _modes(damped, every, self.motor_end, highest)
+        modes = _modes(self.followed, damped, every, self.motor_end, highest)
         elastic = modes.undamped_omega > 2.0 * np.pi * _LOWEST
         misfits = np.empty((len(conditions), self.measured.size))
         for number in range(len(every)):
@@ -214,9 +215,13 @@ def compare_modes(
 
 @lru_cache(maxsize=64)  # a search needs the same axis again, and axes that differ in damping alone
 def _modes(
-    physics: AxisPhysics, conditions: tuple[DriveConditions, ...], motor_end: MotorEnd, highest_frequency: float
+    followed: FollowedModes,
+    physics: AxisPhysics,
+    conditions: tuple[DriveConditions, ...],
+    motor_end: MotorEnd,
+    highest_frequency: float,
 ) -> DriveModes:
-    modes = drive_modes(physics, conditions, [motor_end] * len(conditions), highest_frequency)
+    modes = followed.of(physics, conditions, [motor_end] * len(conditions), highest_frequency)
     for values in (modes.condition, modes.undamped_omega, modes.pole):
         values.setflags(write=False)
     return modes

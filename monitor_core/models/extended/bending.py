@@ -15,6 +15,8 @@ so each is a number of its own. (Euler and Bernoulli's beam; Blevins, Formulas f
 table 8-1.)
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from monitor_core.arrays import FloatArray, NumberArray, acts
@@ -38,18 +40,18 @@ def yielding(
     """
     d: NumberArray = np.ones_like(omega)
     y: NumberArray = np.zeros_like(omega)
-    for number, share in enumerate(bending.shares, 1):
-        if not acts(share):
-            continue
-        ratio = omega / (2.0 * np.pi * number**2 * bending.frequency)
-        damper = 2j * bending.damping_ratio * ratio if acts(bending.damping_ratio) else 0.0
-        stiffness = softening - ratio * ratio + damper
+    for number, stiffness in stiffnesses(bending, omega, softening):
+        share = bending.shares[number - 1]
         y = y * stiffness + bending.compliance * share * np.cos(number * np.pi * along) ** 2 * d
         d = d * stiffness
     return d, y
 
 
-def own_frequencies(bending: ScrewBending, softening: FloatArray) -> FloatArray:
-    """Return the natural frequencies of the modes that take part, in rad/s; shape (…, n_modes)."""
-    numbers = np.array([number for number, share in enumerate(bending.shares, 1) if share and bending.compliance])
-    return np.asarray(2.0 * np.pi * numbers**2 * bending.frequency * np.sqrt(softening)[..., None])
+def stiffnesses(bending: ScrewBending, omega: NumberArray, softening: FloatArray) -> Iterator[tuple[int, NumberArray]]:
+    """Yield the number of each mode that takes part and its dynamic stiffness over the static one, (n_lines,)."""
+    for number, share in enumerate(bending.shares, 1):
+        if not acts(share):
+            continue
+        ratio = omega / (2.0 * np.pi * number**2 * bending.frequency)
+        damper = 2j * bending.damping_ratio * ratio if acts(bending.damping_ratio) else 0.0
+        yield number, softening - ratio * ratio + damper

@@ -32,7 +32,7 @@ from monitor_core.arrays import FloatArray, NumberArray, acts, reciprocal
 from monitor_core.models.extended.bending import yielding
 from monitor_core.models.extended.carried import Carried, absorber, carried_by_contacts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
-from monitor_core.models.extended.memory import Memory
+from monitor_core.models.extended.memory import Memory, recall
 from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, JointPhysics
 from monitor_core.models.extended.traced import Traced, cosine_of_square, sinc_of_square
 from monitor_core.models.rod import RodWaves
@@ -116,15 +116,15 @@ def entire_parts(
     elastic = _elastic(joints, omega) * states.softening
     bracket = (1.0 / joints.bracket_stiffness + added.series_compliance) / elastic
     table = added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping)
-    here, memory = _Drive(physics, states), memory or Memory(omega.size)
-    axial, axial_yield = memory.recall(_axial, here, omega, memory)
+    here = _Drive(physics, states)
+    axial, axial_yield = recall(memory, _axial, here, omega, memory)
     if acts(physics.bending.compliance):  # one more in series: B/A + y/d
-        d, y = memory.recall(_bending, here, omega)
+        d, y = recall(memory, _bending, here, omega)
         axial, axial_yield = axial * d, axial_yield * d + axial * y
     return EntireParts(
         axial,
         axial_yield,
-        *memory.recall(_torsion, here, omega, ends, memory),
+        *recall(memory, _torsion, here, omega, ends, memory),
         nut=states.nut_stiffness * elastic + _damper(omega, joints.nut_damping),
         carried=carried_by_contacts(added, omega, bracket, table),
     )
@@ -136,18 +136,12 @@ def _bending(drive: _Drive, omega: NumberArray) -> tuple[NumberArray, NumberArra
     return yielding(drive.physics.bending, omega, along, drive.states.softening)
 
 
-def axial_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> NumberArray:
-    """Return A alone, as :func:`entire_parts` does with the others; the end of the motor has no share in it."""
-    del ends
-    return _axial(_Drive(physics, states), omega, Memory(omega.size))[0]
+def axial_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates) -> tuple[NumberArray, NumberArray]:
+    """Return A and B of a screw that does not bend."""
+    return _axial(_Drive(physics, states), omega, None)
 
 
-def torsion_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> NumberArray:
-    """Return T alone, as :func:`entire_parts` does with the others."""
-    return _torsion(_Drive(physics, states), omega, ends, Memory(omega.size))[0]
-
-
-def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArray, NumberArray]:
+def _axial(drive: _Drive, omega: NumberArray, memory: Memory | None) -> tuple[NumberArray, NumberArray]:
     r"""Return A and B: both rods in parallel at the nut, each held by its bearing, the bearings held by the base.
 
     Of a rod and its bearing κ, the dynamic stiffness between nut (n) and base (b), all over :math:`e = c + \kappa s`:
@@ -164,7 +158,7 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArr
     mass = screw.axial_mass_share * screw.mass_per_length
     compliance = 1.0 / (screw.axial_rigidity * states.softening * _steel(physics, omega))
     rods = position, screw.length, (compliance, compliance), mass
-    near, unloaded = memory.recall(_waves_of_both, omega, *rods)
+    near, unloaded = recall(memory, _waves_of_both, omega, *rods)
     far = _with_load_at_end(added, unloaded, omega)
     near_end = near.cosine + near_bearing * near.sine_over_z
     far_end = far.at_end + far_bearing * far.sine_over_z
@@ -198,7 +192,7 @@ def _with_load_at_end(added: AddedPhysics, far: RodWaves[Any], omega: NumberArra
 
 
 def _torsion(
-    drive: _Drive, omega: NumberArray, ends: EndMasks, memory: Memory
+    drive: _Drive, omega: NumberArray, ends: EndMasks, memory: Memory | None
 ) -> tuple[NumberArray, NumberArray, NumberArray, NumberArray]:
     """Return T, U with i², the lever of a torque, and the numerator of the angle where it acts."""
     physics, states = drive.physics, drive.states
@@ -210,7 +204,7 @@ def _torsion(
     compliance = screw.torsion_share / (screw.torsional_rigidity * states.softening * _steel(physics, omega))
     near_compliance = compliance * (1.0 - screw.far_end_held_share * position / screw.length)
     rods = position, screw.length, (near_compliance, compliance), inertia
-    near, far = memory.recall(_waves_of_both, omega, *rods)
+    near, far = recall(memory, _waves_of_both, omega, *rods)
 
     # with the motor end of the screw free (0) and held there (1)
     segment = -squared * (screw.motor_segment_inertia + ends.prescribed * at_motor_end)

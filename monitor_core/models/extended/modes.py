@@ -1,10 +1,9 @@
 r"""Find all natural frequencies and modes of the extended drive under many conditions at once, each exactly once.
 
-Without damping, :math:`R = C + 1/Z` is the sum of what the parts of the drive would answer alone, screw in tension on
-its base, screw in torsion, table (or all that the contacts of the nut carry, with its bracket), and each of these rises
-with ω² between its poles (Foster's reactance theorem). So
-there is exactly one natural frequency between two neighbouring poles of the parts. These are far apart, and a change of
-sign on a grid finds them. Damping is then increased step by step, and Newton's method follows each pole.
+Without damping the natural frequencies below any frequency can be counted
+(:mod:`monitor_core.models.extended.counting`). Each is sought by its number, from where it was in a similar axis if
+that is known: none is missed, and none found twice. Damping is then increased step by step, and Newton's method follows
+each pole.
 
 Friction and hardening of the nut, which depend on the excitation, are left out, and so is the second mode, which is no
 part of the drive.
@@ -19,21 +18,13 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.bending import own_frequencies as own_frequencies_of_bending
-from monitor_core.models.extended.carried import own_frequencies
-from monitor_core.models.extended.closed_form import (
-    EntireParts,
-    axial_part,
-    characteristic,
-    entire_parts,
-    path_of,
-    torsion_part,
-)
+from monitor_core.models.extended.closed_form import EntireParts, characteristic, entire_parts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
+from monitor_core.models.extended.counting import count_below
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.extended.settings import axis_at
 from monitor_core.models.parameters import scaled_damping
-from monitor_core.models.poles import zeros_between, zeros_near
+from monitor_core.models.poles import NumberedZeros, numbered_zeros, zeros_near
 from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency
 
 Index = npt.NDArray[np.intp]
@@ -57,6 +48,21 @@ class Drives:
     def parts(self, omega: NumberArray, condition: Index) -> EntireParts:
         """Return the parts of the drive at frequencies [rad/s], each under its condition."""
         return entire_parts(self.physics, omega, self.states.at(condition), self.ends.at(condition))
+
+    def count(self, omega: FloatArray, condition: Index) -> Index:
+        """Return how many natural frequencies lie below, of a drive without damping."""
+        states, ends = self.states.at(condition), self.ends.at(condition)
+        return count_below(self.physics, omega, states, ends, entire_parts(self.physics, omega, states, ends))
+
+    def look(self, omega: FloatArray, condition: Index) -> tuple[Index, FloatArray]:
+        """Return the same and Newton's step Δ/Δ', the slope from a place next to the axis, where Δ is real."""
+        states, ends = self.states.at(condition), self.ends.at(condition)
+        aside = _ASIDE * omega
+        parts = entire_parts(self.physics, omega + 1j * aside, states, ends)
+        value = np.asarray(characteristic(parts))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = value.real * aside / value.imag
+        return count_below(self.physics, omega, states, ends, parts), step
 
 
 def follow_damping(drives_with: Callable[[float], Drives], omega: ComplexArray, condition: Index) -> ComplexArray:
@@ -100,25 +106,19 @@ def _newton(drives: Drives, start: ComplexArray, condition: Index) -> ComplexArr
     return zeros_near(lambda omega: np.asarray(characteristic(drives.parts(omega, three_times))), start)
 
 
-#: Lines of the grid per half wave of the screw, and at least. Poles of one part must not lie closer than two lines.
-_PER_HALF_WAVE, _FEWEST_LINES = 40.0, 400
-#: Half waves of the screw that are followed: a screw of 20 m has 50 below 2 kHz.
-_MOST_HALF_WAVES = 500
+#: Natural frequencies that are sought under one condition: a screw of 20 m has 50 below 2 kHz.
+_MOST_MODES = 500
 #: Where the search begins, as a share of the highest frequency; slower is the rigid body.
 _LOWEST = 1e-6
-#: Relative distance from which a natural frequency is distinguished from a pole of a part.
-_APART = 1e-9
+#: At which modes are counted before they are sought from nothing.
+_LINES = 64
+#: How far from the axis the slope is taken, relative: what is left of the function there is it to rounding.
+_ASIDE = 1e-20
 #: Damping ratios of what is part of the drive.
 _RATIOS = (
     "base_damping_ratio", "table_absorber_damping_ratio", "nut_absorber_damping_ratio", "rotor_absorber_damping_ratio",
     "screw_end_absorber_damping_ratio",
 )  # fmt: skip
-#: What resonates within a part of the drive: the resonance may lie arbitrarily near those that the part has without.
-_WITHIN_PARTS = {
-    "base_compliance": "base_frequency",
-    "screw_end_absorber_mass": "screw_end_absorber_frequency",
-    "rotor_absorber_inertia": "rotor_absorber_frequency",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +128,10 @@ class DriveModes:
     condition: Index  # which one a mode belongs to; rising, and within it in order of frequency
     undamped_omega: FloatArray  # [rad/s]
     pole: ComplexArray  # s = jω at the zero of the characteristic function [1/s]
+
+    def of_each(self, n_conditions: int) -> list[FloatArray]:
+        """Return the undamped natural frequencies under each of the conditions."""
+        return np.split(self.undamped_omega, np.searchsorted(self.condition, np.arange(1, n_conditions)))
 
 
 def natural_frequencies(
@@ -160,19 +164,45 @@ def drive_modes(
     conditions: Sequence[DriveConditions],
     motor_ends: Sequence[MotorEnd],
     highest_frequency: float,
+    near: Sequence[FloatArray] | None = None,
 ) -> DriveModes:
-    """Return undamped natural frequencies and poles of all elastic modes; arguments as ``natural_frequencies``."""
+    """Return undamped natural frequencies and poles of all elastic modes; arguments as ``natural_frequencies``.
+
+    Where those of a similar axis are known under each of the conditions, in rad/s, they are followed from there.
+    """
     if not (math.isfinite(highest_frequency) and highest_frequency > 0.0):
         raise OutsideValidityError(f"highest_frequency must be positive and finite; got {highest_frequency} Hz")
     if physics.by_setting:
-        return _modes_by_setting(physics, conditions, motor_ends, highest_frequency)
+        return _modes_by_setting(physics, conditions, motor_ends, highest_frequency, near)
     states, ends = axis_states(physics, condition_arrays(conditions)), end_masks(motor_ends)
     undamped = Drives(with_damping(physics, 0.0), states, ends)
-    omega, condition = _undamped(undamped, 2.0 * math.pi * highest_frequency)
+    omega, condition = _undamped(undamped, 2.0 * math.pi * highest_frequency, near)
     pole = omega.astype(np.complex128)
     if omega.size and with_damping(physics, 0.0) != physics:
         pole = follow_damping(lambda share: Drives(with_damping(physics, share), states, ends), pole, condition)
     return DriveModes(condition, omega, 1j * pole)
+
+
+class FollowedModes:
+    """Modes of axes that differ little from one to the next: each is followed from the last under as many conditions.
+
+    Whatever was asked last, they are those of :func:`drive_modes`, to rounding.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[int, list[FloatArray]] = {}
+
+    def of(
+        self,
+        physics: AxisPhysics,
+        conditions: Sequence[DriveConditions],
+        motor_ends: Sequence[MotorEnd],
+        highest_frequency: float,
+    ) -> DriveModes:
+        """Return undamped natural frequencies and poles as :func:`drive_modes` does."""
+        modes = drive_modes(physics, conditions, motor_ends, highest_frequency, self._last.get(len(conditions)))
+        self._last[len(conditions)] = modes.of_each(len(conditions))
+        return modes
 
 
 def _modes_by_setting(
@@ -180,11 +210,18 @@ def _modes_by_setting(
     conditions: Sequence[DriveConditions],
     motor_ends: Sequence[MotorEnd],
     highest_frequency: float,
+    near: Sequence[FloatArray] | None,
 ) -> DriveModes:
     """Return the modes of an axis that is another one at each setting."""
     settings = condition_arrays(conditions)
     parts = [
-        drive_modes(axis_at(physics, settings.setting(number)), [stated], [end], highest_frequency)
+        drive_modes(
+            axis_at(physics, settings.setting(number)),
+            [stated],
+            [end],
+            highest_frequency,
+            None if near is None else near[number : number + 1],
+        )
         for number, (stated, end) in enumerate(zip(conditions, motor_ends, strict=True))
     ]
     return DriveModes(
@@ -206,98 +243,27 @@ def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
     )
 
 
-def _undamped(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
+def _undamped(drives: Drives, highest: float, near: Sequence[FloatArray] | None) -> tuple[FloatArray, Index]:
     """Return the undamped natural frequencies in rad/s and the condition of each, both in order."""
-    poles, of_condition = _poles_of_parts(drives, highest)
-    numbers = np.arange(drives.states.position.size)
-    low_end, high_end = np.full(numbers.size, _LOWEST * highest), np.full(numbers.size, highest)
-    edges = np.r_[low_end, poles, high_end]
-    owner = np.r_[numbers, of_condition, numbers]
-    order = np.lexsort((edges, owner))
-    edges, owner = edges[order], owner[order]
-    inside = np.flatnonzero(owner[:-1] == owner[1:])  # an interval joins two edges of one condition
-    condition, first, last = owner[inside], edges[inside] == low_end[0], edges[inside + 1] == highest
-    low = np.where(first, edges[inside], edges[inside] * (1.0 + _APART))
-    high = np.maximum(np.where(last, edges[inside + 1], edges[inside + 1] * (1.0 - _APART)), low)
-
-    def undamped(omega: FloatArray, at: Index) -> FloatArray:
-        return np.real(characteristic(drives.parts(omega, at)))
-
-    parts_low, parts_high = drives.parts(low, condition), drives.parts(high, condition)
-    at_low, at_high = np.real(characteristic(parts_low)), np.real(characteristic(parts_high))
-    # no change of sign: the nut lies in a node of a mode of one part, which then is a mode of the drive as it stands
-    # (and no rigid body, which makes the function small at the lowest frequency)
-    roots = np.where(~first & (np.abs(at_low) < np.abs(at_high)), low, high)
-    passes = np.sign(at_low) * np.sign(at_high) < 0.0
-    roots[passes] = zeros_between(
-        undamped, (low[passes], high[passes]), (at_low[passes], at_high[passes]), condition[passes]
-    )
-    # between two poles there is one, before the first and behind the last only if R passes zero there
-    is_zero = (~first | (_sum_of(parts_low) < 0.0)) & (~last | (_sum_of(parts_high) > 0.0))
-    roots, condition = roots[is_zero], condition[is_zero]
-    order = np.lexsort((roots, condition))
-    return roots[order], condition[order]
-
-
-def _sum_of(parts: EntireParts) -> FloatArray:
-    """Return R of the undamped drive. [m/N]."""
-    path, carried = path_of(parts), parts.carried
-    if carried.is_table:
-        return np.asarray(np.real(path.compliance + 1.0 / carried.table))
-    beyond_contacts = carried.nut_pole * carried.swing / carried.load
-    return np.asarray(np.real(1.0 / path.nut + path.before_bracket + beyond_contacts))
-
-
-def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
-    """Return where screw or table alone would resonate, in rad/s, and the condition of each."""
-    screw, added = drives.physics.screw, drives.physics.added
-    slowness = math.sqrt(screw.axial_mass_share * screw.mass_per_length / screw.axial_rigidity) + math.sqrt(
-        screw.torsion_share * screw.torsional_inertia_share * screw.inertia_per_length / screw.torsional_rigidity
-    )
-    half_waves = highest * slowness * screw.length / math.pi
-    if not half_waves <= _MOST_HALF_WAVES:
-        raise OutsideValidityError(
-            f"expected a screw with at most {_MOST_HALF_WAVES} half waves below {highest / (2.0 * math.pi):g} Hz; got "
-            f"{half_waves:.3g}: it is too long, too soft or too heavy"
-        )
-    n_lines = max(_FEWEST_LINES, math.ceil(_PER_HALF_WAVE * half_waves))
-    grid = np.linspace(_LOWEST * highest, highest, n_lines)
-    within = next((name for name in _WITHIN_PARTS if getattr(added, name)), None)
-    if within is not None:  # poles with it lie between those without it and its own, one between each two (Rayleigh)
-        held = replace(drives, physics=replace(drives.physics, added=replace(added, **{within: 0.0})))
-        its = 2.0 * math.pi * getattr(added, _WITHIN_PARTS[within])
-        grid = np.union1d(grid, [*_poles_of_parts(held, highest)[0], min(its, highest)])
-        n_lines = grid.size
     n_conditions = drives.states.position.size
-    everywhere, under_all = np.tile(grid, n_conditions), np.repeat(np.arange(n_conditions), n_lines)
-    poles, owners = [np.zeros(0)], [np.zeros(0, dtype=np.intp)]
-    for part in (_real_part(drives, axial_part), _real_part(drives, torsion_part)):
-        values = part(everywhere, under_all).reshape(n_conditions, n_lines)
-        condition, line = np.nonzero((values[:, :-1] < 0.0) != (values[:, 1:] < 0.0))
-        between, at_both = (grid[line], grid[line + 1]), (values[condition, line], values[condition, line + 1])
-        poles.append(zeros_between(part, between, at_both, condition))
-        owners.append(condition)
-    bracket = (1.0 / drives.physics.joints.bracket_stiffness + added.series_compliance) / drives.states.softening
-    carried = own_frequencies(
-        replace(added, guide_stiffness=max(added.guide_stiffness, 0.0)),
-        bracket + np.zeros(n_conditions),
-        drives.states.moving_mass,
-    )
-    bent = own_frequencies_of_bending(drives.physics.bending, drives.states.softening + np.zeros(n_conditions))
-    for own in (carried, bent):
-        condition, which = np.nonzero((own > _LOWEST * highest) & (own < highest))
-        poles.append(own[condition, which])
-        owners.append(condition)
-    return np.concatenate(poles), np.concatenate(owners)
-
-
-def _real_part(
-    drives: Drives, part: Callable[[AxisPhysics, NumberArray, AxisStates, EndMasks], NumberArray]
-) -> Callable[[FloatArray, Index], FloatArray]:
-    def at(omega: FloatArray, condition: Index) -> FloatArray:
-        return np.real(part(drives.physics, omega, drives.states.at(condition), drives.ends.at(condition)))
-
-    return at
+    grid = np.linspace(_LOWEST * highest, highest, 2 if near is not None else _LINES)
+    counts = drives.count(np.tile(grid, n_conditions), np.repeat(np.arange(n_conditions), grid.size))
+    counts = np.maximum.accumulate(counts.reshape(n_conditions, grid.size), axis=1)
+    n_modes = counts[:, -1] - counts[:, 0]
+    if np.max(n_modes) > _MOST_MODES:
+        raise OutsideValidityError(
+            f"expected a screw with at most {_MOST_MODES} natural frequencies below {highest / (2.0 * math.pi):g} Hz; "
+            f"got {np.max(n_modes)}: it is too long, too soft or too heavy"
+        )
+    condition = np.repeat(np.arange(n_conditions), n_modes)
+    number = np.concatenate([np.arange(first + 1, last + 1) for first, last in counts[:, [0, -1]].tolist()])
+    behind = np.sum(counts[condition] < number[:, None], axis=1)
+    start = np.full(condition.size, np.nan)
+    for here, omega in enumerate(near or ()):
+        places = np.flatnonzero(condition == here)[: omega.size]
+        start[places] = omega[: places.size]
+    sought = NumberedZeros(condition, number, grid[behind - 1], grid[behind])
+    return numbered_zeros(drives.look, drives.count, sought, start), condition
 
 
 def _rigid(physics: AxisPhysics, motor_end: MotorEnd) -> tuple[NaturalFrequency, ...]:
