@@ -90,7 +90,7 @@ class AlarmOut(ViewModel):
     id: int
     axis: Annotated[str, Field(validation_alias=AliasPath("row", "axis_id"))]
     measurement_id: Annotated[int | None, Field(description="null: of lost motion, which no windows tell")]
-    kind: Annotated[str, Field(description="preload-loss, or lost-motion")]
+    kind: Annotated[str, Field(description="preload-loss, several-numbers or lost-motion")]
     raised_at: datetime
     status: AlarmStatus
     evidence: JsonObject

@@ -193,6 +193,12 @@ def alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:
         return falls_while_learning(evidence.onset, evidence.loss)
     baseline, lost = evidence.baseline_preload_n, evidence.preload_loss_n
     values: dict[str, Value] = {"axis": axis, "onset": evidence.onset, "day": evidence.at}
+    if evidence.numbers:
+        text = N_(
+            "On %(day)s several numbers of %(axis)s together had changed as when preload is lost, since about "
+            "%(onset)s; the preload alone did not show it."
+        )
+        return Said(text, values)
     if baseline is None or lost is None:
         return Said("The preload of %(axis)s fell below its baseline since %(onset)s; the alarm is of %(day)s.", values)
     values |= {"lost": round(lost), "preload": round(baseline) - round(lost), "baseline": round(baseline)}
@@ -205,7 +211,8 @@ def alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:
 
 def _changed_together(since: datetime) -> Standing:
     text = N_(
-        "Several numbers together have changed since %(day)s as when preload is lost; none alone raises an alarm."
+        "Several numbers together have changed since %(day)s as when preload is lost; the preload alone does not show "
+        "it."
     )
     step = N_("Measure at another position, check nut preload, lubrication and mounting.")
     return Standing(Said(text, {"day": since}), Said(step))

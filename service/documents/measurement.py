@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from monitor_core.arrays import FloatArray
 from monitor_core.modal import ModalMeasurement
@@ -472,6 +472,18 @@ class Loss:
     until: datetime
 
 
+class ChangedNumber(BaseModel):
+    """What one of several numbers has to do with an alarm of all."""
+
+    model_config = ConfigDict(frozen=True)
+
+    number: str
+    change_percent: float = Field(description="since the onset")
+    interval_95_percent: tuple[float, float]
+    interval_kind: Literal["confidence"] = "confidence"
+    share: float = Field(description="of the evidence, 0 to 1")
+
+
 @dataclass(frozen=True, slots=True)
 class AlarmEvidence:
     """What is read again of the evidence of an alarm."""
@@ -491,6 +503,7 @@ class AlarmEvidence:
     preload_lost_if_preload_percent: tuple[float, float] | None = None
     share_by_model: bool = False
     chart: str | None = None
+    numbers: tuple[ChangedNumber, ...] = ()  # of an alarm of several numbers together, by share
     lost_motion_um: float | None = None  # of an alarm of lost motion, as what follows
     lost_motion_interval_95_um: tuple[float, float] | None = None
     lost_motion_baseline_um: float | None = None  # None: it grew while its baseline was learnt

@@ -1,27 +1,21 @@
 """Say what the numbers of an axis that are watched together show."""
 
 import math
-from datetime import datetime
-from typing import Literal
+from datetime import datetime, timedelta
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.trend import JOINT_SHARE, DetectorDesign, JointEvidence, JointState, NumberChange, joint_limit
+from service.clock import text_of
+from service.documents.measurement import ChangedNumber, finite_or_null, interval_of
+from service.json_types import JsonObject
+
+if TYPE_CHECKING:
+    from service.store.trend.points import TrendPoint
 
 #: What the numbers are called in sentences.
 _CALLED = {"frequency": "natural frequency", "friction-torque": "friction torque"}
-
-
-class ChangedNumber(BaseModel):
-    """What one number has to do with an alarm."""
-
-    model_config = ConfigDict(frozen=True)
-
-    number: str
-    change_percent: float = Field(description="since the onset")
-    interval_95_percent: tuple[float, float]
-    interval_kind: Literal["confidence"] = "confidence"
-    share: float = Field(description="of the evidence, 0 to 1")
 
 
 class TogetherAlarm(BaseModel):
@@ -96,6 +90,32 @@ def said_of(alarm: JointEvidence) -> str:
         f"since {alarm.onset:%Y-%m-%d} several numbers together have changed as when preload is lost: "
         f"{', '.join(parts)}; the logarithm of the evidence is {alarm.log_evidence:.1f}, its limit {alarm.limit:.1f}"
     )
+
+
+def together_evidence(point: "TrendPoint", state: JointState) -> JsonObject:
+    """Lay out why several numbers together raised an alarm: each with its change and its share, and since when."""
+    alarm, learnt = state.alarm, state.learnt
+    if alarm is None or learnt is None:
+        raise AssertionError("an alarm has evidence and a baseline behind it")
+    document: JsonObject = finite_or_null({
+        "at": text_of(point.at),
+        "measurement": point.name,
+        "preload_n": point.preload_n,
+        "interval": list(interval_of(point)),
+        "interval_kind": "95 % coverage",
+        "baseline_preload_n": point.baseline_preload_n,
+        "preload_loss_n": None,
+        "chart": "several-numbers",
+        "chart_value": alarm.log_evidence,
+        "chart_limit": alarm.limit,
+        "onset": text_of(alarm.onset),
+        "baseline_started_at": text_of(learnt.started_at),
+        "baseline_ended_at": text_of(alarm.onset - timedelta(microseconds=1)),
+        "numbers": [_changed(change).model_dump() for change in alarm.changes],
+        "sentence": said_of(alarm),
+        "check_next": "measure again at another position; check nut preload, lubrication and mounting",
+    })  # fmt: skip
+    return document
 
 
 def _listed(names: tuple[str, ...]) -> str:

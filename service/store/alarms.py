@@ -13,6 +13,8 @@ ACTIVE, ACKNOWLEDGED, CLEARED = "active", "acknowledged", "cleared"
 #: Raised by charts that a late measurement changed: with it they raise no alarm. Listed where it is asked for.
 WITHDRAWN = "withdrawn"
 OPEN = (ACTIVE, ACKNOWLEDGED)
+#: What the charts of the preload find, and those of several numbers that are watched together.
+PRELOAD_LOSS, SEVERAL_NUMBERS = "preload-loss", "several-numbers"
 #: What the chart of lost motion finds: its alarms are of no measurement of windows, and of no fold of the other charts.
 LOST_MOTION = "lost-motion"
 #: Epoch of alarms that the charts of this version of the program do not raise: no fold comes to it.
@@ -100,6 +102,14 @@ def raised_after(session: Session, axis_id: str, epoch: int, after: datetime | N
     if after is not None:
         query = query.where(AlarmRow.measured_at > after)
     return list(session.scalars(query.order_by(AlarmRow.measured_at, AlarmRow.id)))
+
+
+def newest_in_epoch(session: Session, axis_id: str, epoch: int) -> AlarmRow | None:
+    """Return the newest alarm by measurements of an epoch of the charts, if it is open."""
+    of_epoch = (AlarmRow.axis_id == axis_id, AlarmRow.epoch == epoch, AlarmRow.kind != LOST_MOTION)
+    newest = select(AlarmRow).where(*of_epoch, AlarmRow.status != WITHDRAWN)
+    row = session.scalars(newest.order_by(AlarmRow.measured_at.desc(), AlarmRow.id.desc()).limit(1)).first()
+    return row if row is not None and row.status in OPEN else None
 
 
 def events_of(session: Session, alarm_ids: Sequence[int]) -> dict[int, list[AlarmEventRow]]:

@@ -158,7 +158,7 @@ def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Service
     level = evidence.baseline_preload_n
     band = None if level is None else Band(level, level, level, "")
     nothing = AxisHistory(None, None, None)
-    if evidence.fall is not None:
+    if evidence.fall is not None or (evidence.numbers and evidence.preload_n is None):
         drawn = Drawn.of(points, on.history.of(axis_id).healthy)
         return frequency_charts(words, axis_id, drawn, shown, history=nothing, events=events)
     return preload_charts(words, axis_id, Drawn.of(points), shown, history=nothing, events=events, level=band)

@@ -20,7 +20,7 @@ from service.operations.monitoring.trend import SEVERITY, AxisStatus
 from service.operations.trial.story import EVERY, N_MEASUREMENTS, N_WINDOWS
 from service.operations.trial.trial import TRIAL_MACHINE
 from service.report.trend_chart import sparkline
-from service.store.alarms import LOST_MOTION
+from service.store.alarms import PRELOAD_LOSS
 from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)
@@ -117,9 +117,9 @@ def _is_meant(status: AxisStatus, query: FleetQuery) -> bool:
 
 
 def _severity(status: AxisStatus, alarms: Mapping[str, AlarmView]) -> str:
-    """Return how bad an axis stands: its state is that of the preload, and lost motion may have an alarm, too."""
+    """Return how bad an axis stands: its state is that of the preload, and what else is watched may have an alarm."""
     view = alarms.get(status.row.id)
-    return "alarm" if view is not None and view.row.kind == LOST_MOTION else status.state
+    return "alarm" if view is not None and view.row.kind != PRELOAD_LOSS else status.state
 
 
 def _is_taken(alarm: AlarmView | None) -> bool:

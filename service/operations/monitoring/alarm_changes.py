@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from service.clock import now, text_of
 from service.documents.change import not_examined_yet, read_cause
 from service.documents.measurement import alarm_evidence
+from service.documents.together import together_evidence
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import load_configuration
 from service.operations.monitoring.intake.charts import Folded, Raised
@@ -24,25 +25,28 @@ from service.store.tables import AlarmEventRow, AlarmRow
 
 T = TypeVar("T")
 
-#: What the charts find.
-PRELOAD_LOSS = "preload-loss"
 #: What fits into a row of the history.
 LONGEST_REASON = 1000
 #: What changes alarms that were raised already, unless somebody says otherwise.
 LATE = "a measurement that arrived late"
 
 
-def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, because_of: str = LATE) -> int:
-    """Store the alarms of charts that were folded from a moment on, and return how many are new.
+def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, because_of: str = LATE) -> tuple[str, ...]:
+    """Store the alarms of charts that were folded from a moment on, and return the kinds of those that are new.
 
     Alarms that they raised before, from there on, are the same ones in order within each epoch, if with other evidence;
     one that is not raised any more is withdrawn, unless nothing was watched that charts could raise it by.
     """
-    n_new = 0
+    new = list[str]()
     with Session(connection) as session:
         for epoch, row, alarm in _paired(session, axis, folded):
-            if row is None and alarm is not None:
-                n_new += 1
+            stands = alarms.newest_in_epoch(session, axis.id, epoch) if alarm is not None and alarm.goes_on else None
+            if row is None and alarm is not None and stands is not None and stands.kind == alarms.SEVERAL_NUMBERS:
+                stands.kind, stands.evidence = alarm.kind, _evidence(axis, alarm)
+                stands.measurement_id, stands.measured_at = alarm.point.measurement_id, alarm.point.at
+                change_alarm(session, stands, stands.status, "the preload's own chart raises it now, too")
+            elif row is None and alarm is not None:
+                new.append(alarm.kind)
                 _raise(session, axis, epoch, alarm, "raised by measurement")
             elif row is not None and alarm is not None:
                 row.epoch = alarm.point.epoch
@@ -51,7 +55,7 @@ def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, beca
             elif row is not None and epoch in folded.watched:
                 change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the charts raise none")
         session.commit()  # hands it to the connection
-    return n_new
+    return tuple(new)
 
 
 def let_alarms_stand(connection: Connection, axis: AxisRecord, folded: Folded) -> None:
@@ -77,7 +81,9 @@ def _paired(session: Session, axis: AxisRecord, folded: Folded) -> Iterator[tupl
     after = folded.again_after
     earlier = alarms.raised_after(session, axis.id, folded.since_epoch, after) if folded.again else []
     stood = [(_epoch_at(folded, row.measured_at), row) for row in earlier]
-    return in_order(stood, [(alarm.point.epoch, alarm) for alarm in folded.raised])
+    for kind in (alarms.PRELOAD_LOSS, alarms.SEVERAL_NUMBERS):
+        raised = [(alarm.point.epoch, alarm) for alarm in folded.raised if alarm.kind == kind]
+        yield from in_order([(epoch, row) for epoch, row in stood if row.kind == kind], raised)
 
 
 def in_order(
@@ -100,6 +106,8 @@ def _epoch_at(folded: Folded, moment: datetime) -> int:
 
 
 def _evidence(axis: AxisRecord, alarm: Raised) -> JsonObject:
+    if alarm.kind == alarms.SEVERAL_NUMBERS:
+        return together_evidence(alarm.point, alarm.state.joint)
     model = load_configuration(axis.configuration).drive_model
     return alarm_evidence(alarm.point, alarm.state, alarm.calibration, partial(preload_share, model))
 
@@ -116,7 +124,7 @@ def raise_again(
 def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised, reason: str) -> None:
     point = alarm.point
     row = AlarmRow(
-        axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, epoch=epoch, measured_at=point.at,
+        axis_id=axis.id, measurement_id=point.measurement_id, kind=alarm.kind, epoch=epoch, measured_at=point.at,
         evidence=_evidence(axis, alarm),
         explanation=not_examined_yet(axis.configuration, has_baseline=alarm.state.detector.known is not None),
     )  # fmt: skip
@@ -219,6 +227,7 @@ def alarm_notice(alarm: AlarmRow, event: AlarmEventRow) -> JsonObject:
         "frequency_fall_percent": evidence.get("frequency_fall_percent"),
         "frequency_fall_interval_95_percent": evidence.get("frequency_fall_interval_95_percent"),
         "preload_lost_if_preload_percent": evidence.get("preload_lost_if_preload_percent"),
+        "numbers": evidence.get("numbers"),
         "lost_motion_um": evidence.get("lost_motion_um"),
         "lost_motion_baseline_um": evidence.get("lost_motion_baseline_um"),
         "onset": evidence.get("onset"),

@@ -48,7 +48,7 @@ def facts_of(
         baseline=last.baseline_preload_n,
         cleared=_cleared(status, calibrations, alarms),
         alert=alert,
-        alarm=open_alarm(alarms) if row.state == "alarm" else None,
+        alarm=open_alarm([v for v in alarms if v.row.kind == status_of.PRELOAD_LOSS]) if row.state == "alarm" else None,
         changed_since=None if together is None or together.alarm is None else together.alarm.onset,
         lost_motion_grows=(
             lost_motion.sentence if lost_motion is not None and lost_motion.state == TrendStatus.ALARM else None

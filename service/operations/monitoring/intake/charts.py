@@ -37,6 +37,7 @@ from service.operations.monitoring.intake.chart_state import (
     session_record,
 )
 from service.operations.monitoring.preload_share import drive_law
+from service.store import alarms
 from service.store.axes import lubrications_of, was_lubricated
 from service.store.calibrations import CalibrationsInForce
 from service.store.intake import AxisRecord, ChartsRecord
@@ -94,11 +95,17 @@ class Uncharted(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Raised:
-    """An alarm that the charts raise, the measurement that it is raised by, and the calibration that it rests on."""
+    """An alarm that the charts raise, the measurement that it is raised by, and the calibration that it rests on.
+
+    Several numbers together often see first what the preload's own chart sees later: that is one alarm, which goes on
+    as one of the preload, since people act on one cause once.
+    """
 
     point: TrendPoint
     state: AxisState
     calibration: Calibration | None  # None: on the frequency alone
+    kind: str = alarms.PRELOAD_LOSS
+    goes_on: bool = False  # of the preload, from one of several numbers that still stands
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +118,7 @@ class Folded:
     again_after: datetime | None  # what began later was folded again; None: nothing was
     again: bool = False
     since_epoch: int = 0  # the first that was folded
+    alarmed: bool = False  # whether an alarm of either chart stands
     watched: frozenset[int] = frozenset()  # epochs with a calibration, or frequencies: only these can raise alarms
     entered: tuple[tuple[datetime, int], ...] = ()  # when later ones begin, and their numbers, in order of time
 
@@ -215,8 +223,16 @@ class _Fold:
         before = [i for i in known if epochs[i].begins_at <= first]
         current = before[-1] if before else None if is_first_known else known[0]
         self._ahead = epochs if current is None else epochs[current + 1 :]
-        newest = self._charts.epoch
-        self._return_to(None if current is None else epochs[current], first)
+        newest, epoch, limit = (
+            self._charts.epoch,
+            None if current is None else epochs[current],
+            self._charts.epoch_after,
+        )
+        self._return_to(epoch, first)
+        together = self._state.joint.alarm
+        # to before it was raised, as far as there are checkpoints, so that it is still known which alarm goes on
+        if together is not None and (limit is None or together.onset > limit):
+            self._return_to(epoch, together.onset)
         self._forget_since(self._begun_after, newest)
         self._old = points_after(connection, number, self._charts.epoch, self._begun_after, since)
         self._again = True
@@ -266,7 +282,8 @@ class _Fold:
         charts = replace(charts, uncharted=counted(charts.uncharted, reasons_of(again), reasons_of(self._old)))
         return Folded(
             charts, after, tuple(self._raised), self._begun_after, self._again, self._since_epoch,
-            frozenset(self._watched), tuple(self._entered),
+            alarmed=self._state.detector.alarm is not None or self._state.joint.alarm is not None,
+            watched=frozenset(self._watched), entered=tuple(self._entered),
         )  # fmt: skip
 
     def _return_to(self, epoch: EpochRecord | None, first: datetime) -> None:
@@ -359,7 +376,9 @@ class _Fold:
             learnt_scatter_s2=learnt,
         )
         if detector.alarm is not None and before.detector.alarm is None:
-            self._raised.append(Raised(point, self._state, calibration))
+            self._raise(Raised(point, self._state, calibration, goes_on=before.joint.alarm is not None))
+        elif self._state.joint.alarm is not None and before.joint.alarm is None and detector.alarm is None:
+            self._raise(Raised(point, self._state, calibration, alarms.SEVERAL_NUMBERS))
         self._keep_session(before)
         self._charts = replace(
             self._charts, last_measurement_id=point.measurement_id, last_measured_at=point.at,
@@ -369,6 +388,14 @@ class _Fold:
         if self._charts.since_checkpoint >= CHECKPOINT_EVERY:
             self._keep_checkpoint(point.at)
         return point
+
+    def _raise(self, alarm: Raised) -> None:
+        last = self._raised[-1] if self._raised and self._raised[-1].point.epoch == alarm.point.epoch else None
+        if alarm.goes_on and last is not None:
+            if last.kind == alarms.SEVERAL_NUMBERS:
+                self._raised.pop()
+            alarm = replace(alarm, goes_on=False)
+        self._raised.append(alarm)
 
     def _with_places(self, points: Sequence[TrendPoint], begun: Mapping[datetime, str | None]) -> list[TrendPoint]:
         """Say of each point how the places of its session disagree, and of those that it had when the fold began."""

@@ -15,11 +15,9 @@ from contextlib import ExitStack
 from typing import TypeVar
 
 from monitor_core.recording import Window
-from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.errors import BusyError, StorageError, tell_failure
 from service.observability import Metrics
-from service.operations.monitoring.alarm_changes import PRELOAD_LOSS
 from service.operations.monitoring.intake.batch import Batch, IngestReceipt, KnownAxes, Post, by_axis
 from service.operations.monitoring.intake.judge import Settled
 from service.store import intake
@@ -188,8 +186,9 @@ class Ingest:
             self._metrics.measurements.labels(outcome).inc()
         for reason in settled.uncharted:
             self._metrics.uncharted.labels(reason).inc()
-        self._metrics.alarms.labels(PRELOAD_LOSS).inc(settled.new_alarms)
-        if settled.measurements and settled.state is TrendStatus.ALARM and batch.configuration.drive_model is not None:
+        for kind in settled.new_alarms:
+            self._metrics.alarms.labels(kind).inc()
+        if settled.measurements and settled.alarmed and batch.configuration.drive_model is not None:
             self._follow_alarm(batch.axis.id)
 
 

@@ -49,8 +49,8 @@ class Settled:
     measurements: dict[int, StoredMeasurement]  # by number
     outcomes: tuple[str, ...]
     uncharted: tuple[str, ...]
-    new_alarms: int
-    state: TrendStatus  # of the axis now
+    new_alarms: tuple[str, ...]  # their kinds
+    alarmed: bool  # whether an alarm of the axis stands in the charts
 
 
 def judge(
@@ -103,7 +103,7 @@ def settle(
         new.append(point)
     folded = put_in(connection, axis, before, new, replaced=replaced, calibration=calibration)
     sum_up(connection, axis.number, {point.at for point in (*new, *replaced)})
-    new_alarms = 0
+    new_alarms: tuple[str, ...] = ()
     if folded.raised or folded.again:
         new_alarms = settle_alarms(connection, axis, folded)
     after = replace(
@@ -118,7 +118,7 @@ def settle(
         tuple(point.refusal_reason or JUDGED for point in folded.points.values()),
         tuple(reasons_of(folded.points.values()).elements()),
         new_alarms,
-        TrendStatus(after.state),
+        folded.alarmed,
     )
 
 
