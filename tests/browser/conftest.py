@@ -27,8 +27,8 @@ from playwright.sync_api import (
 )
 
 from tests.browser.states import build
-from tests.conftest import canary
-from tests.service.conftest import Api, ForkedServer, ServerProcess, free_port, servers
+from tests.conftest import canary, free_port
+from tests.service.conftest import Api, ForkedServer, ServerProcess, servers
 
 #: No name is resolved: what a page asks of others fails inside the browser. (A route of Playwright's would do it here,
 #: where nothing is answered while a test waits.)

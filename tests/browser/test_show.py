@@ -19,7 +19,8 @@ from monitor_core.recordings.session_hdf5 import write_session
 from service.operations.monitoring.replay import SUFFIX
 from tests.browser.conftest import Visit
 from tests.browser.states import WORN, measurement
-from tests.service.conftest import ForkedServer, free_port, servers
+from tests.conftest import free_port
+from tests.service.conftest import ForkedServer, servers
 from tests.service.test_notices import receivers_file, wait_until
 
 WITHIN = timedelta(seconds=2)

@@ -10,16 +10,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
 from paho.mqtt import client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 from service.operations.notices.receivers import Broker
-from tests.service.conftest import free_port
+from tests.conftest import free_port
 
 #: Debian puts it where only root looks.
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not installed on this machine")
+#: The second of the two only before a release, unless it is the one that is there.
+KINDS = [
+    pytest.param("mosquitto", marks=needs_mosquitto),
+    pytest.param("amqtt", marks=() if MOSQUITTO is None else pytest.mark.release),
+]
 
 AMQTT_CONFIGURATION = """\
 listeners:
@@ -87,6 +94,14 @@ class BrokerProcess:
         if self.process is not None:
             self.process.kill()
             self.process.wait()
+
+
+def receivers_file(folder: Path, broker: BrokerProcess, more: str = "") -> Path:
+    path = folder / "receivers.toml"
+    path.write_text(
+        f'[[mqtt]]\nname = "plant"\nhost = "127.0.0.1"\nport = {broker.port}\nprotocol = "{broker.protocol}"\n{more}'
+    )
+    return path
 
 
 @dataclass

@@ -2,7 +2,6 @@
 
 import multiprocessing
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -28,6 +27,7 @@ from service.cli.remote.client import window_document
 from service.cli.remote.server import embedded_service
 from service.settings import Settings
 from service.store.database import Database, writing
+from tests.service.brokers import KINDS, BrokerProcess, Client
 
 SAMPLE_RATE = 1024.0
 DAMPING_RATIO = 0.015
@@ -196,13 +196,6 @@ def refusing(shared_api: Api) -> Api:
     return shared_api
 
 
-def free_port() -> int:
-    """Return a port that was free a moment ago."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @dataclass
 class ServerProcess:
     """``preload serve`` as a process of its own, which can be killed."""
@@ -312,3 +305,24 @@ def emptied(url: str) -> str:
         connection.execute(text("CREATE SCHEMA public"))
     database.close()
     return url
+
+
+@pytest.fixture(params=KINDS)
+def broker(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[BrokerProcess]:
+    broker = BrokerProcess(request.param, tmp_path).start()
+    yield broker
+    broker.kill()
+
+
+@pytest.fixture
+def mosquitto(tmp_path: Path) -> Iterator[BrokerProcess]:
+    broker = BrokerProcess("mosquitto", tmp_path).start()
+    yield broker
+    broker.kill()
+
+
+@pytest.fixture
+def client(broker: BrokerProcess) -> Iterator[Client]:
+    client = Client(broker, "preload/plant/#")
+    yield client
+    client.close()

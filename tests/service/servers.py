@@ -13,8 +13,8 @@ from typing import Any
 from aiosmtpd.controller import Controller
 from aiosmtpd.smtp import AuthResult
 
+from tests.conftest import free_port
 from tests.service.brokers import certificate
-from tests.service.conftest import free_port
 
 #: More than any of them sends: what is not bounded ends there.
 WITHOUT_END = 16 * 2**20

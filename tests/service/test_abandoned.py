@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from monitor_core.recording import Window
-from tests.service.conftest import START, Api, ServerProcess, free_port, servers, simulated_measurement
+from tests.conftest import free_port
+from tests.service.conftest import START, Api, ServerProcess, servers, simulated_measurement
 
 #: A service in which one answer never comes, and which then never comes to an end of itself.
 STUCK = """

@@ -27,8 +27,7 @@ from sqlalchemy import create_engine, make_url, text
 from service.errors import DataFolderError
 from service.operations.notices.receivers import Receivers
 from service.settings import Settings
-from tests.conftest import PROJECT_ROOT
-from tests.service.conftest import free_port
+from tests.conftest import PROJECT_ROOT, free_port
 
 COMPOSE = yaml.safe_load((PROJECT_ROOT / "docker-compose.yml").read_text(encoding="utf-8"))
 DEPLOY = PROJECT_ROOT / "deploy" / "compose"

@@ -38,7 +38,8 @@ from service.operations.monitoring.axes import Axes
 from service.store.access import logged_in_since, newest_entry
 from service.store.database import Database
 from service.store.tables import AuditRow
-from tests.service.conftest import CONFIGURATION, free_port
+from tests.conftest import free_port
+from tests.service.conftest import CONFIGURATION
 from tests.service.test_access import PASSWORD, Closed, served
 from tests.service.test_cli_people import run
 

@@ -19,8 +19,8 @@ from monitor_core.recordings.session_hdf5 import write_session
 from service.api.http.body import MSGPACK_TYPE
 from service.cli.remote.client import window_document
 from service.store.waveforms import WaveformPlace, WaveformStore
-from tests.conftest import canary
-from tests.service.conftest import START, Api, ServerProcess, free_port, running_service, simulated_measurement
+from tests.conftest import canary, free_port
+from tests.service.conftest import START, Api, ServerProcess, running_service, simulated_measurement
 from tests.service.test_ingest import stored_frames
 
 N_WINDOWS = 10

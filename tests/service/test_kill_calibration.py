@@ -19,7 +19,8 @@ from service.operations.calibrating.fit_job import KIND, CalibrationJobs
 from service.store.database import Database
 from service.store.tables import JobRow
 from service.store.waveforms import WaveformStore
-from tests.service.conftest import CONFIGURATION, START, Api, ServerProcess, free_port, running_service
+from tests.conftest import free_port
+from tests.service.conftest import CONFIGURATION, START, Api, ServerProcess, running_service
 from tests.service.killed_steps import Steps, count
 from tests.service.test_calibrating import SETTINGS, measure
 from tests.service.test_jobs import wait_for

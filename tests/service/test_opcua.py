@@ -17,9 +17,9 @@ from asyncua import Client, ua
 from service.clock import now, text_of
 from service.gateways.opcua_reading import AxisSeen, quality_of, values_of
 from service.gateways.opcua_server import OpcuaSettings, serve_opcua
-from tests.conftest import PROJECT_ROOT
+from tests.conftest import PROJECT_ROOT, free_port
 from tests.service.brokers import certificate
-from tests.service.conftest import Api, free_port, running_service
+from tests.service.conftest import Api, running_service
 from tests.service.test_lost_motion import reading, send
 from tests.service.test_notices import losing_preload
 

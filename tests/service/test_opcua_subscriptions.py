@@ -11,7 +11,7 @@ from asyncua import Client, ua
 from service.gateways.opcua_nodes import Nodes
 from service.gateways.opcua_reading import AlarmSeen, AxisSeen, Reading
 from service.gateways.opcua_server import OpcuaSettings, new_server
-from tests.service.conftest import free_port
+from tests.conftest import free_port
 from tests.service.test_opcua import Subscriber, seen, until
 
 PERIOD_MS = 5

@@ -21,12 +21,13 @@ from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
 from service.cli.remote.client import Client
 from service.gateways import opcua_server
 from service.settings import BUNDLED_SESSIONS
-from tests.service import brokers, test_mqtt, test_notices
-from tests.service.conftest import Api, ServerProcess, free_port
+from tests.conftest import free_port
+from tests.service import brokers, test_notices
+from tests.service.conftest import Api, ServerProcess
 from tests.service.test_opcua import gateway, until
 from tests.service.test_opcua_subscriptions import PERIOD_MS, Shown
 
-pytestmark = [pytest.mark.release, test_mqtt.needs_mosquitto]
+pytestmark = [pytest.mark.release, brokers.needs_mosquitto]
 DEADBANDS_N = (None, 10.0, 30.0)
 STATE, STATUS = "preload/plant/axes/axis/state", "preload/plant/status"
 
@@ -140,7 +141,7 @@ def test_what_is_pushed_is_true_over_slow_wear_and_an_outage(
     try:
         with desk.listening() as url:
             text = test_notices.receivers_file(tmp_path, url=url, mail_port=post.port).read_text()
-            path = test_mqtt.receivers_file(tmp_path, broker, text)
+            path = brokers.receivers_file(tmp_path, broker, text)
             server = serve()
             prepare(server.url)
             desk.status = 503

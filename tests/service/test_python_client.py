@@ -19,7 +19,8 @@ from preload_client import Client, JobFailedError, ProblemError, UnreachableErro
 from service.app import create_app
 from service.cli.remote.client import window_document
 from service.settings import Settings
-from tests.service.conftest import Api, free_port, simulated_measurement
+from tests.conftest import free_port
+from tests.service.conftest import Api, simulated_measurement
 
 SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.session.h5"
 

@@ -21,7 +21,8 @@ from service.settings import Settings
 from service.store.database import Database
 from service.store.safekeeping.backup import back_up
 from service.store.waveforms import WaveformStore
-from tests.service.conftest import Api, ServerProcess, free_port, running_service
+from tests.conftest import free_port
+from tests.service.conftest import Api, ServerProcess, running_service
 from tests.service.killed_steps import Steps, count
 from tests.service.plant_history import (
     N_WINDOWS,

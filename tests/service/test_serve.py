@@ -22,7 +22,8 @@ from monitor_core.recordings.session_hdf5 import write_session
 from service.cli.remote.server import ENDS_WITHIN_S, GRACE_S
 from service.store import notices
 from service.store.database import Database
-from tests.service.conftest import START, ServerProcess, free_port, simulated_measurement
+from tests.conftest import free_port
+from tests.service.conftest import START, ServerProcess, simulated_measurement
 from tests.service.test_access import served
 
 
