@@ -31,12 +31,12 @@ from service.api.http.body import MSGPACK_TYPE
 from service.cli.remote.client import window_document
 from service.store.waveforms import WaveformPlace, WaveformStore
 from service.store.window_format import content_sha256
+from tests.conftest import free_port
 from tests.service.conftest import (
     START,
     Api,
     ForkedServer,
     ServerProcess,
-    free_port,
     running_service,
     simulated_measurement,
 )

@@ -40,10 +40,10 @@ from service.errors import StorageError
 from service.store import database as database_module, intake
 from service.store.database import Database
 from service.store.waveforms import WaveformPlace, WaveformStore
+from tests.conftest import free_port
 from tests.service.conftest import (
     Api,
     emptied,
-    free_port,
     running_service,
     serve_as,
     simulated_measurement,

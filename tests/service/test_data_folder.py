@@ -15,11 +15,11 @@ import pytest
 from service.app import open_database
 from service.errors import DataFolderError, ServiceError, StorageError
 from service.settings import Settings
+from tests.conftest import free_port
 from tests.service.conftest import (
     Api,
     ServerProcess,
     assert_problem,
-    free_port,
     running_service,
     simulated_measurement,
 )

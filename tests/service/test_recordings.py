@@ -27,7 +27,7 @@ from service.operations.recordings import recordings
 from service.operations.recordings.look import Look, look_into
 from service.store import recordings as store
 from service.store.safekeeping.backup import back_up, restore
-from tests.conftest import canary
+from tests.conftest import canary, free_port
 from tests.service import stand_in_readers as stand_ins
 from tests.service.conftest import (
     N_WINDOWS,
@@ -35,7 +35,6 @@ from tests.service.conftest import (
     Api,
     ServerProcess,
     assert_problem,
-    free_port,
     running_service,
     simulated_measurement,
 )

@@ -17,13 +17,13 @@ import pytest
 
 from monitor_core.recording import Window
 from service.operations.monitoring import rejudgements
+from tests.conftest import free_port
 from tests.service.arrivals import AXIS, history, said_of
 from tests.service.conftest import (
     START,
     Api,
     ServerProcess,
     assert_problem,
-    free_port,
     readings,
     running_service,
     simulated_measurement,
