@@ -2,9 +2,11 @@
 
 import ast
 import re
-from collections.abc import Iterator
+import symtable
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
+from typing import NamedTuple
 
 from tests.conftest import PROJECT_ROOT
 
@@ -31,14 +33,30 @@ WORDS = {
 }
 
 
-def messages(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield the texts of what is raised or printed, with their lines, and the docstring of the module."""
-    yield 1, ast.get_docstring(tree) or ""
+class Module(NamedTuple):
+    """What is looked at in a module."""
+
+    docstring: str
+    messages: tuple[tuple[int, str], ...]  # what is raised or printed, with its lines
+    imports: tuple[tuple[str, str], ...]  # name of what is imported, and where from
+
+
+@cache
+def module_at(path: Path) -> Module:
+    return read_module(path.read_text(encoding="utf-8"))
+
+
+def read_module(text: str) -> Module:
+    tree = ast.parse(text)
+    said, imports = [], []
     for node in ast.walk(tree):
         printed = isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in PRINTING
         if isinstance(node, ast.Raise) or printed:
             texts = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
-            yield node.lineno, " ".join(text for text in texts if isinstance(text, str))
+            said.append((node.lineno, " ".join(text for text in texts if isinstance(text, str))))
+        if isinstance(node, ast.ImportFrom) and node.module:
+            imports += [(f"{node.module}.{alias.name}", node.module) for alias in node.names]
+    return Module(ast.get_docstring(tree) or "", tuple(said), tuple(imports))
 
 
 PRINTING = {"echo", "print_table", "BadParameter", "UsageError", "ClickException", "option", "argument"}
@@ -53,7 +71,8 @@ def test_messages_and_module_docstrings_are_in_plain_words() -> None:
     assert not [
         f"{path.relative_to(PROJECT_ROOT)}:{line} {words}"
         for path in sources("monitor_core", "service")
-        for line, text in messages(ast.parse(path.read_text(encoding="utf-8")))
+        for module in [module_at(path)]
+        for line, text in ((1, module.docstring), *module.messages)
         if (words := strange_words(text))
     ]
 
@@ -62,22 +81,20 @@ def test_a_variable_is_called_by_what_it_is() -> None:
     assert not [
         f"{path.relative_to(PROJECT_ROOT)}:{line}"
         for path in sources("monitor_core", "service", "tests", "benchmarks")
-        for line in lines_of_one(path)
+        for line in scopes_of_one(symtable.symtable(path.read_text(encoding="utf-8"), str(path), "exec"))
     ]
 
 
-def lines_of_one(path: Path) -> list[int]:
-    """Return where a variable or an argument is called "one"."""
-    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-    names = [(node.lineno, node.id) for node in nodes if isinstance(node, ast.Name)]
-    names += [(node.lineno, node.arg) for node in nodes if isinstance(node, ast.arg)]
-    return [line for line, name in names if name == "one"]
+def scopes_of_one(scope: symtable.SymbolTable) -> list[int]:
+    """Return where something begins that calls a variable or an argument "one"."""
+    own = [scope.get_lineno()] if "one" in scope.get_identifiers() else []
+    return own + [line for inner in scope.get_children() for line in scopes_of_one(inner)]
 
 
-def product_modules() -> dict[str, ast.Module]:
+def product_modules() -> dict[str, Module]:
     files = {path.relative_to(PROJECT_ROOT): path for path in sources("monitor_core", "service", "preload_client")}
-    trees = {".".join(name.with_suffix("").parts): ast.parse(path.read_text("utf-8")) for name, path in files.items()}
-    return {name.removesuffix(".__init__"): tree for name, tree in trees.items()}
+    modules = {".".join(name.with_suffix("").parts): module_at(path) for name, path in files.items()}
+    return {name.removesuffix(".__init__"): module for name, module in modules.items()}
 
 
 #: A summary begins with one of these; a paragraph after it that does, too, is the summary of something else.
@@ -92,23 +109,25 @@ IMPERATIVE = re.compile(
 
 
 def test_the_docstring_of_a_module_says_one_thing() -> None:
-    for name, tree in product_modules().items():
-        summary, *rest = (ast.get_docstring(tree) or "").split("\n\n")
+    for name, module in product_modules().items():
+        summary, *rest = module.docstring.split("\n\n")
         assert "\n" not in summary, name
         assert not [paragraph for paragraph in rest if IMPERATIVE.match(paragraph)], name
 
 
 def test_no_module_imports_itself_through_others() -> None:
-    trees = product_modules()
-    imports: dict[str, set[str]] = {}
-    for name, tree in trees.items():
-        nodes = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
-        named = {(f"{node.module}.{alias.name}", node.module) for node in nodes for alias in node.names}
-        # a package lends what its modules define: who asks the package for a name does not import all of them
-        imports[name] = {module if module in trees else package for module, package in named} & trees.keys() - {name}
+    modules = product_modules()
+    # a package lends what its modules define: who asks the package for a name does not import all of them
+    imports = {
+        name: {thing if thing in modules else source for thing, source in module.imports} & modules.keys() - {name}
+        for name, module in modules.items()
+    }
     TopologicalSorter(imports).prepare()  # raises CycleError, with the circle
 
 
 def test_the_list_finds_what_it_names() -> None:
-    tree = ast.parse('"""What may be said of it."""\nraise ValueError(f"{path} is to be written here; {x} is none")\n')
-    assert [len(strange_words(text)) for _, text in messages(tree)] == [1, 2]
+    module = read_module(
+        '"""What may be said of it."""\nraise ValueError(f"{path} is to be written here; {x} is none")\n'
+    )
+    assert len(strange_words(module.docstring)) == 1
+    assert [len(strange_words(text)) for _, text in module.messages] == [2]

@@ -438,6 +438,7 @@ def derivative(values, sample_rate):
     return np.fft.irfft(2j * math.pi * np.fft.rfftfreq(n, 1.0 / sample_rate) * np.fft.rfft(values), n)
 
 
+@pytest.mark.release  # compiling its steps takes longer than all others here
 def test_friction_holds_the_table_against_a_torque_below_it():
     """0.004 N·m push with 4 N; the rotor still turns as far as screw and nut yield."""
     torque = random_torque(1, 4096, 4096.0, band=(21.0, 120.0), rms=0.004)

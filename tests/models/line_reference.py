@@ -37,6 +37,12 @@ def shaft(**changes) -> TransmissionLineParameters:
     return TransmissionLineParameters(**(fields | changes))
 
 
+#: Dampers that bring every motion to rest within a tenth of a second, so that a transform of the run is complete.
+HEAVY = {
+    "table_damping": 1e5, "motor_damping": 3.0, "coupling_damping": 5.0, "nut_damping": 5e4, "bearing_damping": 2e4,
+    "far_bearing_damping": 1e4,
+}  # fmt: skip
+
 UNDAMPED = {name: 0.0 for name in TransmissionLineParameters.__dataclass_fields__ if name.endswith("_damping")}
 
 

@@ -7,6 +7,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.transmission_line import (
     StribeckFriction,
+    TransmissionLineModel,
     common_step_grid,
     simulate_drive,
     synchronised_grid,
@@ -19,6 +20,7 @@ from monitor_core.models.published.transmission_line.kernel import (
     plain_stepper,
 )
 from tests.models.line_reference import (
+    HEAVY,
     UNDAMPED,
     as_arrays,
     drive_on,
@@ -262,3 +264,31 @@ def test_the_compliance_of_the_split_junction_removes_its_stiffening():
     stiff = drive._replace(axial_cell_compliance=0.0, torsional_cell_compliance=0.0)
     assert pole(drive) == pytest.approx(exact, rel=5e-6)
     assert pole(stiff) > exact * (1.0 + 500e-6)
+
+
+@pytest.mark.parametrize("position", [0.2, 0.6, 0.6437])
+def test_static_limit_with_a_clamped_motor_is_the_sum_of_the_compliances(position):
+    p = shaft(bracket_stiffness=9e8, **(HEAVY | {"table_damping": 1e6}))
+    model = TransmissionLineModel(p, least_torsional_sections=20)
+    n = round(0.2 / model.grid.time_step)
+    run = simulate_drive(
+        p, model.grid, DriveConditions(position), np.zeros(n), motor_end=MotorEnd.CLAMPED,
+        force_at_table=np.full(n, 100.0),
+    )  # fmt: skip
+    ea, gj, rest = p.axial_rigidity, p.torsional_rigidity, p.screw_length - position
+    screw = 1.0 / (1.0 / (1.0 / 5e8 + position / ea) + 1.0 / (1.0 / 2e8 + rest / ea))
+    torsion = p.transmission_ratio**2 * (1.0 / 2e4 + position / gj)
+    compliance = screw + torsion + 1.0 / 6e8 + 1.0 / 9e8
+    assert run.displacement_at_table[-1] == pytest.approx(100.0 * compliance, rel=1e-9)
+
+
+def test_nut_rigidity_follows_the_preload_by_its_cube_root():
+    model = TransmissionLineModel(shaft(dynamic_load_rating=60e3, nut_stiffness=6e8))
+    stated = shaft(nut_stiffness=0.8 * 6e8 * (750.0 / 6000.0) ** (1 / 3))
+    with_preload = model.natural_frequencies(DriveConditions(0.6, preload=750.0))
+    assert with_preload == TransmissionLineModel(stated).natural_frequencies(DriveConditions(0.6))
+    run = [
+        simulate_drive(p, model.grid, conditions, np.ones(50)).acceleration_at_table
+        for p, conditions in ((model.parameters, DriveConditions(0.6, preload=750.0)), (stated, DriveConditions(0.6)))
+    ]
+    np.testing.assert_array_equal(*run)

@@ -14,6 +14,7 @@ from monitor_core.models.published.transmission_line import (
 )
 from monitor_core.models.published.transmission_line.mobility import DiscreteDrive, response_at
 from tests.models.line_reference import (
+    HEAVY,
     UNDAMPED,
     continuous_frequency,
     drive_on,
@@ -24,11 +25,6 @@ from tests.models.line_reference import (
 )
 
 HERE = DriveConditions(position=0.6)
-#: Dampers that bring every motion to rest within a tenth of a second, so that a transform of the run is complete.
-HEAVY = {
-    "table_damping": 1e5, "motor_damping": 3.0, "coupling_damping": 5.0, "nut_damping": 5e4, "bearing_damping": 2e4,
-    "far_bearing_damping": 1e4,
-}  # fmt: skip
 
 
 def respond(model, frequency, excitation, response, conditions=HERE):
@@ -311,22 +307,6 @@ def test_passivity(excitation, response):
         assert np.all(own.imag <= 1e-12 * np.abs(own))
 
 
-@pytest.mark.parametrize("position", [0.2, 0.6, 0.6437])
-def test_static_limit_with_a_clamped_motor_is_the_sum_of_the_compliances(position):
-    p = shaft(bracket_stiffness=9e8, **(HEAVY | {"table_damping": 1e6}))
-    model = TransmissionLineModel(p, least_torsional_sections=20)
-    n = round(0.2 / model.grid.time_step)
-    run = simulate_drive(
-        p, model.grid, DriveConditions(position), np.zeros(n), motor_end=MotorEnd.CLAMPED,
-        force_at_table=np.full(n, 100.0),
-    )  # fmt: skip
-    ea, gj, rest = p.axial_rigidity, p.torsional_rigidity, p.screw_length - position
-    screw = 1.0 / (1.0 / (1.0 / 5e8 + position / ea) + 1.0 / (1.0 / 2e8 + rest / ea))
-    torsion = p.transmission_ratio**2 * (1.0 / 2e4 + position / gj)
-    compliance = screw + torsion + 1.0 / 6e8 + 1.0 / 9e8
-    assert run.displacement_at_table[-1] == pytest.approx(100.0 * compliance, rel=1e-9)
-
-
 def test_rigid_body_limit_of_a_free_drive():
     p = shaft(**UNDAMPED)
     model = TransmissionLineModel(p)
@@ -374,18 +354,6 @@ def test_a_screw_without_mass_or_compliance_leaves_the_joints_in_series():
 
 
 # --- conditions and refusals ---------------------------------------------------------------------------------------
-
-
-def test_nut_rigidity_follows_the_preload_by_its_cube_root():
-    model = TransmissionLineModel(shaft(dynamic_load_rating=60e3, nut_stiffness=6e8))
-    stated = shaft(nut_stiffness=0.8 * 6e8 * (750.0 / 6000.0) ** (1 / 3))
-    with_preload = model.natural_frequencies(DriveConditions(0.6, preload=750.0))
-    assert with_preload == TransmissionLineModel(stated).natural_frequencies(HERE)
-    run = [
-        simulate_drive(p, model.grid, conditions, np.ones(50)).acceleration_at_table
-        for p, conditions in ((model.parameters, DriveConditions(0.6, preload=750.0)), (stated, HERE))
-    ]
-    np.testing.assert_array_equal(*run)
 
 
 def test_payload_counts_as_table():
