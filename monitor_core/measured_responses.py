@@ -102,7 +102,7 @@ def _left_out(refusals: Sequence[Rejection], n_measured: int) -> tuple[str, ...]
 
 def _with_spread(modal: ModalMeasurement, windows: Sequence[Window]) -> FrequencyResponseObservation | None:
     response = _response(modal, None)
-    if response is None or modal.taper != "hann":
+    if response is None or modal.taper != "hann" or windows[0].reference is not None:
         return response
     refused = {index for index, _ in modal.refused_windows}
     kept = [window for index, window in enumerate(windows) if index not in refused]

@@ -72,15 +72,17 @@ def _check_sampling(window: Window, gate: QualityGate) -> Rejection | None:
 
 def _check_channels(window: Window, gate: QualityGate) -> Rejection | None:
     channels = {"excitation": window.excitation, "response": window.response}
-    positions = {} if window.position_trace is None else {"position": window.position_trace}
-    for name, samples in (channels | positions).items():
+    others = {"position": window.position_trace, "reference": window.reference}
+    stated = {name: samples for name, samples in others.items() if samples is not None}
+    for name, samples in (channels | stated).items():
         if not np.isfinite(samples).all():
             first = int(np.argmin(np.isfinite(samples)))
             return Rejection(RejectionReason.NOT_FINITE, f"{name} must be finite; got {samples[first]} at {first}")
     of_scale = window.response_quantity.derivatives > 0
-    for name, samples in channels.items():
-        if samples.min() == samples.max():
+    for name, samples in (channels | stated).items():
+        if name != "position" and samples.min() == samples.max():
             return Rejection(RejectionReason.DEAD_CHANNEL, f"{name} must change; got {samples[0]:g} throughout")
+    for name, samples in channels.items():
         held = _check_scale(window, gate) if of_scale and name == "response" else _check_stuck(name, samples, gate)
         if held is not None:
             return held

@@ -209,6 +209,7 @@ class Window:
     position_span: float = 0.0  # travel during the window [m]
     position_trace: FloatArray | None = None  # shape (n_samples,) [m]
     response_quantity: ResponseQuantity = ResponseQuantity.ACCELERATION
+    reference: SampleArray | None = None  # what the control commanded meanwhile, shape (n_samples,) [any unit]
     response_resolution: float | None = None  # step that the response is quantised in; None: not stated [its unit]
 
     def __post_init__(self) -> None:
@@ -227,6 +228,13 @@ class Window:
                 raise InvalidWindowError(
                     f"position must have as many samples as the excitation ({self.excitation.size}); "
                     f"got shape {self.position_trace.shape}"
+                )
+        if self.reference is not None:
+            object.__setattr__(self, "reference", read_only_samples(self.reference))
+            if self.reference.shape != self.excitation.shape:
+                raise InvalidWindowError(
+                    f"reference must have as many samples as the excitation ({self.excitation.size}); "
+                    f"got shape {self.reference.shape}"
                 )
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0.0):
             raise InvalidWindowError(f"sample_rate must be positive; got {self.sample_rate} Hz")

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 #: RFC 3339 with a zone, or a moment with one.
 Moment: TypeAlias = str | datetime
-_CHANNELS = ("excitation", "response", "position_trace_m")
+_CHANNELS = ("excitation", "response", "position_trace_m", "reference")
 _COUNTED_FROM_ANYWHERE = ("displacement", "motor-angle", "relative-displacement")
 _SAFE = ("GET", "PUT", "DELETE")
 _LONGEST_PAUSE_S = 30.0
@@ -283,10 +283,13 @@ def _written(moment: Moment | None) -> str | None:
 def _window(window: Document) -> dict[str, object]:
     started_at = cast(Moment, window["started_at"])
     channels: dict[str, Any] = {name: window[name] for name in _CHANNELS if window.get(name) is not None}
-    response: Any = channels.get("response")
-    if window.get("response_quantity") in _COUNTED_FROM_ANYWHERE and hasattr(response, "astype"):
-        exact = response.astype("f8")
-        channels["response"] = exact - exact[:1]  # what single precision leaves of half a metre is coarse
+    from_anywhere = ["reference"]
+    if window.get("response_quantity") in _COUNTED_FROM_ANYWHERE:
+        from_anywhere.append("response")
+    for name in from_anywhere:
+        if hasattr(channels.get(name), "astype"):
+            exact = channels[name].astype("f8")
+            channels[name] = exact - exact[:1]  # what single precision leaves of half a metre is coarse
     encoded = {name: _samples(samples) for name, samples in channels.items()}
     return {**window, "started_at": _written(started_at), **encoded}
 

@@ -43,6 +43,7 @@ from monitor_core.spectral import (
     Taper,
     cross_spectra,
     estimate_frf,
+    joint_input_output,
     least_leaking_taper,
     motion_spectra,
 )
@@ -250,7 +251,8 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
         )
     sources = sorted({f"{window.excitation_quantity} from {window.excitation_source}" for window in windows})
     responses = sorted({str(window.response_quantity) for window in windows})
-    for what, got in (("an excitation", sources), ("a response", responses)):
+    references = sorted({"none" if window.reference is None else "a reference" for window in windows})
+    for what, got in (("an excitation", sources), ("a response", responses), ("a reference, or none", references)):
         if len(got) > 1:
             return Rejection(
                 RejectionReason.EXCITATION_SOURCE_MISMATCH,
@@ -278,13 +280,12 @@ def _spectra_around(
         )
     excitation: SampleArray = np.array([window.excitation for window in windows])
     response: SampleArray = np.array([window.response for window in windows])
-    every_line = motion_spectra(
-        excitation,
-        response,
-        sample_rate,
-        (min(LOWEST * band[0], around[0]), around[1]),
-        derivatives=windows[0].response_quantity.derivatives,
-    )
+    reach = (min(LOWEST * band[0], around[0]), around[1])
+    derivatives = windows[0].response_quantity.derivatives
+    every_line = motion_spectra(excitation, response, sample_rate, reach, derivatives=derivatives)
+    if windows[0].reference is not None:
+        reference: SampleArray = np.array([window.reference for window in windows])
+        every_line = joint_input_output(every_line, reference, reach)
     return every_line, every_line.around(*around)
 
 
@@ -307,6 +308,8 @@ def _contamination(answer: AveragedFit, spectra: BandSpectra, windows: Sequence[
 
     It is no more than what explains all that the fit leaves: a servo trembles at rest, and the axis answers to that.
     """
+    if windows[0].reference is not None:  # no noise on the excitation is common with a reference
+        return Contamination(0.0, 0.0)
     at_rest = excitation_noise(np.array([w.excitation for w, keep in zip(windows, answer.kept, strict=True) if keep]))
     left, gain = _left_and_gain(answer)
     noise = min(at_rest, left / gain)

@@ -180,6 +180,8 @@ def _channels_of(window: Window) -> Iterator[Channel]:
     yield Channel("response", window.response, RESPONSE_UNIT[window.response_quantity], time)
     if window.position_trace is not None:
         yield Channel("position", window.position_trace, "m", time)
+    if window.reference is not None:
+        yield Channel("reference", window.reference, None, time)
 
 
 def _joined(name: str, windows: list[ChannelSummary]) -> ChannelSummary:

@@ -6,7 +6,7 @@ Each group ``/windows/NNNNNN`` holds one window, in time order; the attributes a
 known here are left alone. A window without ``measurement`` is a measurement of its own, named by its group.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -73,7 +73,7 @@ _WINDOW_ATTRIBUTES = frozenset((
 ))  # fmt: skip
 #: What the frame of a session says of each window: which measurement it is of; the others are read with its samples.
 _FRAME_ATTRIBUTES = frozenset(("started_at", "measurement", "position_mm", "preload_n"))
-_CHANNELS = ("excitation", "response", "position")
+_CHANNELS = ("excitation", "response", "position", "reference")
 _SAMPLES = ("float32", "float64")
 
 
@@ -120,7 +120,7 @@ class SessionReader:
             fields, columns = attributes_at(group, _WINDOW_ATTRIBUTES, where), _columns(group, where)
             if self._index is not None:
                 _require_agreement(self._index, name, fields, columns)
-            return _window(fields, [self._samples(c, f"{where}/{name}") for name, c in columns.items()], *frame)
+            return _window(fields, {name: self._samples(c, f"{where}/{name}") for name, c in columns.items()}, *frame)
 
     def _samples(self, column: Column, where: str) -> SampleArray:
         """Read a channel: from the file where it lies there as it is, which takes a fifth of the way through HDF5."""
@@ -279,28 +279,27 @@ def _require_agreement(index: SessionIndex, name: str, fields: Fields, columns: 
         raise RecordingFormatError(f"{fields.where}: expected its samples where the index of the session says")
 
 
-def _indexed_samples(index: SessionIndex, name: str, where: str) -> list[SampleArray]:
-    """Read excitation, response and, where the window has it, position."""
+def _indexed_samples(index: SessionIndex, name: str, where: str) -> dict[str, SampleArray]:
+    """Read excitation, response and, where the window has them, position and reference."""
     places = index.places(name, where)
     if not {"excitation", "response"} <= places.keys() <= set(_CHANNELS):
         raise RecordingFormatError(f"{where}: expected excitation and response in the index; got {', '.join(places)}")
     require_plausible_channels([(channel, size) for channel, (_, size, _) in places.items()], where)
-    return [index.samples(places[channel], f"{where}/{channel}") for channel in _CHANNELS if channel in places]
+    return {name: index.samples(places[name], f"{where}/{name}") for name in _CHANNELS if name in places}
 
 
-def _window(fields: Fields, samples: Sequence[SampleArray], started_at: datetime, measurement: str) -> Window:
+def _window(fields: Fields, samples: Mapping[str, SampleArray], started_at: datetime, measurement: str) -> Window:
     """Return a window of what its attributes say and its frame does not, and of its samples."""
     where = fields.where
     quantity = fields.choice("excitation_quantity", ExcitationQuantity)
     fields.exactly("excitation_unit", EXCITATION_UNIT[quantity])
     response_quantity = fields.choice("response_quantity", ResponseQuantity)
     fields.exactly("response_unit", RESPONSE_UNIT[response_quantity])
-    excitation, response, *traces = samples
-    trace = traces[0] if traces else None
+    trace = samples.get("position")
     with naming(where):
         return Window(
-            excitation=excitation,
-            response=response,
+            excitation=samples["excitation"],
+            response=samples["response"],
             sample_rate=fields.positive("sample_rate_hz", "Hz"),
             started_at=started_at,
             conditions=Conditions(
@@ -315,6 +314,7 @@ def _window(fields: Fields, samples: Sequence[SampleArray], started_at: datetime
             direction=fields.optional_choice("direction", Direction) or Direction.BOTH,
             position_span=_position_span(fields, trace),
             position_trace=None if trace is None else trace.astype(np.float64, copy=False),
+            reference=samples.get("reference"),
             response_quantity=response_quantity,
             response_resolution=fields.optional_positive("response_resolution", RESPONSE_UNIT[response_quantity]),
         )
@@ -327,10 +327,10 @@ def _position_span(fields: Fields, trace: SampleArray | None) -> float:
 
 
 def _columns(group: "h5py.h5g.GroupID", where: str) -> dict[str, Column]:
-    """Return excitation, response and, where the window has it, position, after a look at what all of them take."""
+    """Return the channels that the window has, after a look at what all of them take."""
     import h5py  # noqa: PLC0415
 
-    names = ["excitation", "response", *(["position"] if group.links.exists(b"position") else [])]
+    names = [*_CHANNELS[:2], *(name for name in _CHANNELS[2:] if group.links.exists(name.encode()))]
     columns = {name: column(group, name, where, _SAMPLES) for name in names}
     require_plausible_channels([(name, c.size) for name, c in columns.items()], where)
     n_bytes = sum(c.size * c.dtype.itemsize for c in columns.values())
@@ -345,6 +345,8 @@ def _write_window(group: "h5py.Group", window: Window) -> dict[str, object]:
     group["response"] = window.response
     if window.position_trace is not None:
         group["position"] = window.position_trace
+    if window.reference is not None:
+        group["reference"] = window.reference
     conditions = window.conditions
     stated: dict[str, object] = {
         "started_at": format_instant(window.started_at),

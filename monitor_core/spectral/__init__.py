@@ -11,6 +11,7 @@ from monitor_core.spectral.frf import (
     CrossSpectra as CrossSpectra,
     cross_spectra as cross_spectra,
     estimate_frf as estimate_frf,
+    joint_input_output as joint_input_output,
     least_leaking_taper as least_leaking_taper,
     mean_coherence as mean_coherence,
     median_misfit as median_misfit,

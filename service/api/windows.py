@@ -78,6 +78,9 @@ class WindowIn(StatedOfWindow):
         default=None, description="step that the response is quantised in, in its unit"
     )
     position_trace_m: Samples | None = None
+    reference: Samples | None = Field(
+        default=None, description="what the control commanded meanwhile, such as the set-point of the speed; any unit"
+    )
     direction: Literal["+", "-", "both"] = "both"
 
     @model_validator(mode="after")
@@ -92,7 +95,7 @@ class WindowIn(StatedOfWindow):
                 raise ValueError(f"{channel}_unit of a {quantity} must be {expected}; got {unit}")
         if not self.excitation.size:
             raise ValueError("excitation must hold at least one sample; got none")
-        for name in ("response", "position_trace_m"):
+        for name in ("response", "position_trace_m", "reference"):
             samples = getattr(self, name)
             if samples is not None and samples.size != self.excitation.size:
                 raise ValueError(
@@ -114,6 +117,7 @@ class WindowIn(StatedOfWindow):
             direction=Direction(self.direction),
             position_span=metres(self.position_span_mm),
             position_trace=self.position_trace_m,
+            reference=self.reference,
             response_quantity=ResponseQuantity(self.response_quantity),
             response_resolution=self.response_resolution,
         )

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from monitor_core.arrays import SampleArray
 from monitor_core.recordings.check import FileReport, check_file
 from monitor_core.recordings.elements.fields import format_instant
 from monitor_core.recordings.raw.channels import Channel
@@ -140,12 +141,13 @@ def _channels_of_session(file: Path) -> tuple[Channel, ...]:
     """Return the channels of the windows in a row, in time order, as many windows as memory is given for."""
     with open_session(file) as reader:
         windows = list(islice(reader.windows(), _MOST_WINDOWS))
-    traces = [window.position_trace for window in windows if window.position_trace is not None]
-    channels = (
-        Channel("excitation", np.concatenate([window.excitation for window in windows], dtype=np.float64)),
-        Channel("response", np.concatenate([window.response for window in windows], dtype=np.float64)),
-    )
-    return (*channels, Channel("position", np.concatenate(traces))) if traces else channels
+    samples: dict[str, list[SampleArray]] = {
+        "excitation": [window.excitation for window in windows],
+        "response": [window.response for window in windows],
+        "position": [window.position_trace for window in windows if window.position_trace is not None],
+        "reference": [window.reference for window in windows if window.reference is not None],
+    }
+    return tuple(Channel(name, np.concatenate(of, dtype=np.float64)) for name, of in samples.items() if of)
 
 
 def _document(report: FileReport, written: Sequence[Path]) -> dict[str, object]:

@@ -52,6 +52,7 @@ class _Packed(_Metadata):
     excitation: _Samples
     response: _Samples
     position_trace_m: _Samples | None
+    reference: NotRequired[_Samples]  # left out where there is none, as above
 
 
 def pack_windows(windows: Sequence[Window]) -> Iterator[_Bytes]:
@@ -79,7 +80,8 @@ def content_sha256(window: Window) -> str:
     that a conversion of units costs make another window of it.
     """
     digest = hashlib.sha256()
-    for samples in (window.excitation, window.response, window.position_trace):
+    others = () if window.reference is None else (window.reference,)
+    for samples in (window.excitation, window.response, window.position_trace, *others):
         digest.update(b"-" if samples is None else np.ascontiguousarray(_float32(samples)).data)
     words: dict[str, object] = {**_metadata(window)}
     numbers = {name: value for name, value in words.items() if isinstance(value, int | float)}
@@ -97,10 +99,8 @@ def _float32(values: npt.ArrayLike) -> npt.NDArray[np.float32]:
 
 def size_of(windows: Sequence[Window]) -> int:
     """Return the bytes that the samples of windows take in memory."""
-    traces = (window.position_trace for window in windows)
-    return sum(window.excitation.nbytes + window.response.nbytes for window in windows) + sum(
-        trace.nbytes for trace in traces if trace is not None
-    )
+    channels = ((w.excitation, w.response, w.position_trace, w.reference) for w in windows)
+    return sum(samples.nbytes for channel in channels for samples in channel if samples is not None)
 
 
 def _metadata(window: Window) -> _Metadata:
@@ -132,6 +132,7 @@ def _pack(window: Window) -> Iterator[_Bytes]:
         "excitation": window.excitation,
         "response": window.response,
         "position_trace_m": window.position_trace,
+        **({} if window.reference is None else {"reference": window.reference}),
     }
     packer.pack_map_header(len(metadata) + len(channels))
     for name, value in metadata.items():
@@ -157,7 +158,7 @@ def _unpack(item: _Packed) -> Window:
     def samples(packed: _Samples) -> npt.NDArray[Any]:
         return np.frombuffer(packed["bytes"], dtype=packed["dtype"])
 
-    trace = item["position_trace_m"]
+    trace, reference = item["position_trace_m"], item.get("reference")
     return Window(
         excitation=samples(item["excitation"]),
         response=samples(item["response"]),
@@ -170,6 +171,7 @@ def _unpack(item: _Packed) -> Window:
         direction=Direction(item["direction"]),
         position_span=item["position_span_m"],
         position_trace=None if trace is None else samples(trace),
+        reference=None if reference is None else samples(reference),
         response_quantity=ResponseQuantity(item.get("response_quantity", ResponseQuantity.ACCELERATION)),
         response_resolution=item.get("response_resolution"),
     )

@@ -1,6 +1,7 @@
 """Preload through a calibration from current and scale, against the accelerometer's on the same moves."""
 
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,11 @@ from monitor_core.recording import (
     ResponseQuantity,
     Window,
 )
+from monitor_core.recordings import check_file
+from monitor_core.recordings.raw.mapping.channel_map import parse_channel_map
+from monitor_core.recordings.raw.mapping.imported import import_session
+from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
+from service.documents.map_form import filled_map, map_fields
 from tests.plant.drive import Drive, Log, delayed, quantised, run
 
 START = datetime(2026, 3, 2, 6, tzinfo=UTC)
@@ -109,3 +115,55 @@ def test_a_scale_reads_a_preload_as_well_as_an_accelerometer_canary() -> None:
 @pytest.mark.parametrize("kind", [ExcitationQuantity.CURRENT, ExcitationQuantity.ACCELERATION])
 def test_a_scale_reads_a_preload_as_well_as_an_accelerometer(kind) -> None:
     require_as_good(kind, (1e-8, 1e-7, 1e-6), range(10, 14))
+
+
+# ---- what the drive itself yields, from a log to newtons by the form of the page -------------------------------------
+
+
+def windows_by_the_form(folder: Path, log: Log, place: tuple[float, float], *, day: int, is_set: bool) -> list[Window]:
+    """Write a log as a control does, take the form that is proposed for it, fill in what only a person knows."""
+    rng = np.random.default_rng(day)
+    columns = {
+        "t [ms]": 1e3 * np.arange(log.current.size) / DRIVE.sample_rate,
+        "Motor current [A]": quantised(log.current, 0.005, rng).ravel(),
+        "Motor angle [deg]": np.degrees(quantised(log.motor_angle, 2.0 * np.pi / 2**20, rng)).ravel(),
+        "Scale [um]": 1e6 * quantised(log.table, 1e-8, rng).ravel(),
+    }
+    raw = folder / f"log-{day}.csv"
+    np.savetxt(raw, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
+    report = check_file(raw)
+    assert report.read is not None
+    tables = map_fields(proposed_map(report.read.channels, report.read.layout))
+    values = {field.key: field.value for table in tables for field in table.fields}
+    examples = {
+        field.key: field.example for table in tables for field in table.fields if table.name == "response.motor"
+    }
+    values |= examples | {
+        "response.quantity": "relative-displacement",
+        "response.motor.lead_mm": f"{1e3 * DRIVE.lead:g}",
+        "window.started_at": (START + timedelta(days=day)).isoformat(),
+        "window.position_mm": f"{1e3 * place[0]:g}",
+        "window.samples_per_window": "2000",
+    }
+    if is_set:
+        values["window.preload_n"] = f"{place[1]:g}"
+    made = import_session([raw], parse_channel_map(filled_map(tables, values), "form"))
+    return list(made.session.windows)
+
+
+def test_a_motor_angle_that_is_filled_in_by_the_form_leads_to_newtons(tmp_path: Path) -> None:
+    logs = logged(ExcitationQuantity.CURRENT, 21)
+    measurements = []
+    for day, place in enumerate(GRID):
+        windows = windows_by_the_form(tmp_path, logs[place], place, day=day, is_set=True)
+        assert {window.response_quantity for window in windows} == {ResponseQuantity.RELATIVE_DISPLACEMENT}
+        modal = judge_measurement(windows, SETTINGS, None).modal
+        assert isinstance(modal, ModalMeasurement), modal
+        measurements.append(modal)
+    calibration = calibrate_from_measurements(measurements, settings=SETTINGS, between_sessions=0.0)
+    for day, place in enumerate(LATER, start=50):
+        windows = windows_by_the_form(tmp_path, logs[place], place, day=day, is_set=False)
+        preload = judge_measurement(windows, SETTINGS, calibration).preload
+        assert isinstance(preload, PreloadEstimate), preload
+        assert preload.interval.lower <= place[1] <= preload.interval.upper
+        assert preload.interval.upper - preload.interval.lower < 0.6 * place[1]

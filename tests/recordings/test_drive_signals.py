@@ -23,6 +23,7 @@ from monitor_core.recordings.raw.mapping.channel_map import parse_channel_map
 from monitor_core.recordings.raw.mapping.imported import import_session
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.raw.proposal.sampling import period_of
+from monitor_core.recordings.session_hdf5 import read_session, write_session
 from monitor_core.session import judge_session
 from service.documents.map_form import filled_map, map_fields
 from tests.conftest import PROJECT_ROOT
@@ -181,6 +182,33 @@ def test_a_commanded_acceleration_and_a_percentage_of_the_rated_torque_drive_an_
     np.testing.assert_allclose(window.excitation, CURRENT[:2000] * 0.127, rtol=1e-12)
 
 
+def test_a_reference_goes_with_its_windows_through_a_map_and_a_session_file(tmp_path):
+    told = np.cumsum(CURRENT)
+    raw = saved(tmp_path / "log.npz", i=CURRENT, x=TABLE * 1e9, s=told, a=ANGLE)
+    text = MAP.replace("[window]", 'reference = {channel = "s", unit = "rpm"}\n[window]')
+    made = imported(raw, text).session
+    write_session(tmp_path / "log.session.h5", made)
+    for window, kept, part in zip(
+        made.windows, read_session(tmp_path / "log.session.h5").windows, told.reshape(-1, 2000), strict=True
+    ):
+        np.testing.assert_array_equal(window.reference, part)
+        np.testing.assert_array_equal(kept.reference, part)
+        np.testing.assert_array_equal(kept.response, window.response)
+    assert "reference" in {channel.name for channel in check_file(tmp_path / "log.session.h5").channels}
+    assert imported(raw, MAP).session.windows[0].reference is None
+    assert "expected a unit, of any quantity; got 'furlong'" in refusal(raw, text.replace("rpm", "furlong"))
+    measured = MAP.replace("position_mm = 100\n", "").replace(
+        "[window]",
+        """
+position = {channel = "a", unit = "mm"}
+reference = {channel = "s", unit = "rpm"}
+[window]""",
+    )
+    both = imported(raw, measured).session.windows[0]
+    np.testing.assert_array_equal(both.reference, told[:2000])
+    np.testing.assert_allclose(both.position_trace, ANGLE[:2000] * 1e-3)
+
+
 OF_SCALE = '"displacement", unit = "nm"'
 REFUSED = {
     "an angle as an acceleration": (OF_SCALE, '"acceleration", unit = "rad"', "expected a unit of acceleration"),
@@ -263,6 +291,19 @@ def test_what_a_drive_logs_is_proposed_by_names_and_units(log):
     lacks = {"current": "the torque constant is not stated", "acceleration": "no torque and no force is known"}
     if response[1] and excitation[1] in lacks:
         assert f"no modal mass and no friction torque, because {lacks[excitation[1]]}" in text
+
+
+def test_a_set_point_is_proposed_as_a_reference_and_what_the_controller_makes_of_it_is_none():
+    """Torque or current that is asked for, and an error of following, answer what disturbs the axis."""
+    inside = {"iq [A]": CURRENT, "iq_cmd [A]": CURRENT, "pos_error [um]": TABLE, "scale [um]": TABLE}
+    unknown = "what the control loop does to the frequency stays unknown without a set-point beside them"
+    assert unknown in proposal_of(**inside)
+    text = proposal_of(**inside, **{"n_set [rpm]": ANGLE, "pos_set [mm]": TABLE})
+    assert unknown not in text
+    assert "'pos_set [mm]' as [reference] takes off what the control loop does to it" in text
+    assert "reference" not in tomllib.loads(text)  # to be confirmed
+    offered = re.sub(r"^# (\[reference\].*|.*optional: (?:planned|of any).*)$", r"\1", text, flags=re.MULTILINE)
+    assert tomllib.loads(offered)["reference"] == {"channel": "pos_set [mm]", "unit": "mm"}
 
 
 def test_a_motor_beside_the_scale_is_a_table_of_the_form_that_may_be_left_out_or_filled_in():

@@ -1,6 +1,7 @@
 """Windows of a control over HTTP: current and scale in, a frequency out; what does not fit is refused in a sentence."""
 
 import base64
+from dataclasses import replace
 from datetime import timedelta
 
 import msgpack
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 
 import preload_client.client
+from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, ResponseQuantity, Window
 from service.cli.remote.client import window_document
 from tests.plant.drive import Drive, quantised, run
+from tests.plant.speed_loop import SpeedLoop
 from tests.service.conftest import START, Api
 
 DRIVE = Drive(damping=5e-5)
@@ -53,6 +56,41 @@ def test_current_and_scale_are_posted_judged_and_shown(shared_api: Api, windows:
         f"/v1/axes/cnc/measurements/{point['measurement_id']}/windows", params={"format": "csv"}
     ).text
     assert table.splitlines()[0] == "window,time_s,current_a,displacement_m"
+
+
+def test_a_reference_is_posted_kept_and_used(shared_api: Api) -> None:
+    """The friction of the motor moves H1 by a hertz; what is answered is what the core says with the reference."""
+    drive = Drive(damping=1.5e-4)
+    reference, current, table = SpeedLoop(drive).logged(
+        PLACE, PRELOAD, n_windows=24, n_samples=2000, rng=np.random.default_rng(5), commanded=1.0, friction=0.15
+    )
+    windows = [
+        Window(u.astype("f4"), y, DRIVE.sample_rate, START + timedelta(seconds=3 * k), Conditions(PLACE), "log",
+               ExcitationQuantity.CURRENT, ExcitationSource.DRIVE, reference=r.astype("f4"),
+               response_quantity=ResponseQuantity.DISPLACEMENT, response_resolution=1e-10)
+        for k, (u, y, r) in enumerate(zip(current, table, reference, strict=True))
+    ]  # fmt: skip
+    shared_api.register("loop", search_band_hz=[90, 220])
+    body = {"windows": [window_document(window) for window in windows], "complete": True}
+    answer = shared_api.http.post(
+        "/v1/axes/loop/windows", content=msgpack.packb(body), headers={"content-type": "application/msgpack"}
+    )
+    (outcome,) = answer.json()["measurements"]
+    assert not outcome["refused"], outcome
+    of_core, by_h1 = (
+        measure_mode(chosen, band=(90.0, 220.0), gate=ModeGate())
+        for chosen in (windows, [replace(window, reference=None) for window in windows])
+    )
+    assert isinstance(of_core, ModalMeasurement)
+    (point,) = shared_api.trend("loop")
+    assert point["frequency_hz"] == pytest.approx(of_core.mode.frequency.value, rel=1e-5)
+    assert not isinstance(by_h1, ModalMeasurement) or abs(by_h1.mode.frequency.value - point["frequency_hz"]) > 0.1
+    rows = shared_api.http.get(
+        f"/v1/axes/loop/measurements/{point['measurement_id']}/windows", params={"format": "csv"}
+    ).text.splitlines()
+    assert rows[0] == "window,time_s,current_a,displacement_m,reference"
+    # from its first sample on
+    assert float(rows[2].split(",")[-1]) == pytest.approx(reference[0, 1] - reference[0, 0], abs=1e-6)
 
 
 def test_a_unit_that_is_not_of_the_quantity_is_refused(shared_api: Api, windows: list[Window]) -> None:

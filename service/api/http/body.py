@@ -20,7 +20,7 @@ MSGPACK_TYPE = "application/msgpack"
 MSGPACK_TYPES = (MSGPACK_TYPE, "application/x-msgpack", "application/vnd.msgpack")
 
 #: Members of a window that hold samples.
-CHANNELS = ("excitation", "response", "position_trace_m")
+CHANNELS = ("excitation", "response", "position_trace_m", "reference")
 #: So much of a body may be something else. A thousand windows take half of it.
 MOST_BESIDE_SAMPLES = 2 * 2**20
 MOST_WINDOWS = 1000

@@ -105,9 +105,12 @@ def window_document(window: Window) -> JsonObject:
     def samples(values: np.ndarray[Any, Any]) -> bytes:
         return values.astype("<f4").tobytes()
 
+    def from_first(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:  # at half a metre float32 leaves 30 nm
+        return values.astype(np.float64) - float(values[0])
+
     conditions, trace, answer = window.conditions, window.position_trace, window.response
-    if window.response_quantity.derivatives > 1:  # counts from anywhere: at half a metre float32 leaves 30 nm
-        answer = answer.astype(np.float64) - float(answer[0])
+    if window.response_quantity.derivatives > 1:  # counts from anywhere
+        answer = from_first(answer)
     return {
         "started_at": window.started_at.isoformat(),
         "measurement": window.measurement,
@@ -124,6 +127,7 @@ def window_document(window: Window) -> JsonObject:
         "response_resolution": window.response_resolution,
         "direction": str(window.direction),
         "position_trace_m": None if trace is None else samples(trace),
+        "reference": None if window.reference is None else samples(from_first(window.reference)),
         "payload_kg": conditions.payload_mass,
         "temperature_c": conditions.temperature,
         "preload_n": conditions.preload,

@@ -201,6 +201,8 @@ class _Seen:
         }
         if window.position_trace is not None:
             units["position"] = "m"
+        if window.reference is not None:
+            units["reference"] = ""
         for name, unit in units.items():
             key = (name, unit, window.sample_rate)
             self._n_samples[key] += window.n_samples
@@ -213,7 +215,7 @@ class _Seen:
                 file=self._file_name,
                 name=name,
                 shape=[n_samples],
-                unit=unit,
+                unit=unit or None,
                 sample_rate_hz=rate,
                 started_at=self._first[name, unit, rate],
             )

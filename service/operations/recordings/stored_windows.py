@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from io import BufferedReader
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,8 @@ from service.store.retention import require_stored
 from service.store.waveforms import WaveformPlace, WaveformStore
 from service.store.window_format import size_of
 
-#: Five numbers of at most 24 characters, and what is between them.
-LONGEST_ROW_BYTES = 128
+#: Six numbers of at most 24 characters, and what is between them.
+LONGEST_ROW_BYTES = 156
 _ROWS_AT_ONCE = 4096
 _AT_ONCE = 2**20
 _EXCITATION_COLUMN = {
@@ -38,6 +39,8 @@ _RESPONSE_COLUMN = {
     ResponseQuantity.MOTOR_SPEED: "motor_speed_rad_s",
     ResponseQuantity.RELATIVE_DISPLACEMENT: "relative_displacement_m",
 }
+#: What only some windows have samples of.
+_FURTHER_COLUMNS = {"position_m": attrgetter("position_trace"), "reference": attrgetter("reference")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,10 +133,10 @@ def _rows(windows: Sequence[Window], first_number: int) -> Iterator[bytes]:
     """Yield the header and the rows; a column that a window has no samples for is empty there."""
     excitations = list(dict.fromkeys(window.excitation_quantity for window in windows))
     responses = list(dict.fromkeys(window.response_quantity for window in windows))
-    with_position = any(window.position_trace is not None for window in windows)
+    further = {name: of for name, of in _FURTHER_COLUMNS.items() if any(of(window) is not None for window in windows)}
     names = ["window", "time_s", *(_EXCITATION_COLUMN[quantity] for quantity in excitations)]
     names += [_RESPONSE_COLUMN[quantity] for quantity in responses]
-    yield (",".join([*names, "position_m"] if with_position else names) + "\n").encode()
+    yield (",".join([*names, *further]) + "\n").encode()
     for number, window in enumerate(windows, start=first_number):
         for begin in range(0, window.n_samples, _ROWS_AT_ONCE):
             part = slice(begin, min(begin + _ROWS_AT_ONCE, window.n_samples))
@@ -144,8 +147,9 @@ def _rows(windows: Sequence[Window], first_number: int) -> Iterator[bytes]:
                 columns.append(_texts(window.excitation[part]) if quantity is window.excitation_quantity else empty)
             for response in responses:
                 columns.append(_texts(window.response[part]) if response is window.response_quantity else empty)
-            if with_position:
-                columns.append(empty if window.position_trace is None else _texts(window.position_trace[part]))
+            for of in further.values():
+                samples = of(window)
+                columns.append(empty if samples is None else _texts(samples[part]))
             yield "".join(",".join(row) + "\n" for row in zip(*columns, strict=True)).encode()
 
 

@@ -40,6 +40,10 @@
     channel = "Drive/Position"
     unit = "mm"
 
+    [reference]                                # optional: what the control was told from outside of its loop, such as
+    channel = "Drive/Position.cmd"             # the position set-point (no torque or current that it asks for itself):
+    unit = "mm"                                # takes off what the loop does to the frequency; any quantity
+
     [time]                                     # only if a channel holds the sampling times
     channel = "t"
     unit = "s"                                 # numbers; or of the samples: sample_rate_hz; or, for texts of a date:
@@ -145,6 +149,7 @@ _ENTRIES: dict[str, AbstractSet[str]] = {
     "excitation": _SIGNAL | {"quantity", "source", "sweep"},
     "response": _SIGNAL | {"quantity", "resolution", "lead_mm", "motor"},
     "position": _SIGNAL,
+    "reference": _PLACE | {"unit", "time"},
     "time": _PLACE | {"unit", "format", "date", "zone", "sample_rate_hz"},
     "resample": {"sample_rate_hz", "method"},
     "window": _FACTS | {
@@ -161,7 +166,17 @@ _ENTRIES: dict[str, AbstractSet[str]] = {
 }  # fmt: skip
 #: Tables of a map of each kind, and entries outside of them.
 _TOP = {
-    MapKind.SESSION: {"excitation", "response", "position", "time", "resample", "window", "files", "tolerances"},
+    MapKind.SESSION: {
+        "excitation",
+        "response",
+        "position",
+        "reference",
+        "time",
+        "resample",
+        "window",
+        "files",
+        "tolerances",
+    },
     MapKind.MOTION: {"motion", "time", "resample"},
     MapKind.FRF_SET: {"frf", "window", "files", "tolerances"},
 }
@@ -214,9 +229,11 @@ def _require_entries(top: Fields, kind: MapKind) -> None:
 
 
 def _says_travel(top: Fields) -> bool:
-    """Tell whether the response is a scale, which says how far the table goes in a window."""
+    """Tell whether the response is of a scale, which says how far the table goes in a window."""
     response = top.values.get("response")
-    return isinstance(response, dict) and response.get("quantity") == ResponseQuantity.DISPLACEMENT
+    return isinstance(response, dict) and (
+        response.get("quantity") == ResponseQuantity.DISPLACEMENT or "motor" in response
+    )
 
 
 def _session_map(top: Fields) -> ChannelMap:
@@ -240,6 +257,7 @@ def _session_map(top: Fields) -> ChannelMap:
         answers,
         motor,
         _sweep(excitation.table("sweep", _SWEEP)) if "sweep" in excitation else None,
+        _reference(_table(top, "reference")) if "reference" in top else None,
     )
     files = _files(top, _ENTRIES["files"], measured=measured)
     facts, named = _facts(window, measured=measured), _named(window)
@@ -259,6 +277,17 @@ def _session_map(top: Fields) -> ChannelMap:
         _tolerances(top),
         named,
     )
+
+
+def _reference(fields: Fields) -> MappedChannel:
+    """Return the channel of a set-point, whose numbers are taken as they are."""
+    return replace(_line(fields, _as_it_is), time=fields.optional_text("time"))
+
+
+def _as_it_is(unit: str, where: str) -> float:
+    if quantity_of_unit(unit) is None:
+        raise RecordingFormatError(f"{where}: expected a unit, of any quantity; got {unit!r}")
+    return 1.0
 
 
 def _sweep(fields: Fields) -> Sweep:
@@ -327,7 +356,7 @@ def _text(top: Fields) -> TextLayout | None:
 
 def facts_required(facts: WindowFacts, signals: SessionSignals, where: str) -> None:
     """Refuse windows whose place neither a channel nor the map says; the way of a scale says how far they reach."""
-    travels = signals.response_quantity is ResponseQuantity.DISPLACEMENT
+    travels = signals.response_quantity is ResponseQuantity.DISPLACEMENT or signals.motor is not None
     for name, value in (("position_mm", facts.position), ("position_span_mm", facts.position_span)):
         if value is None and not (travels and name == "position_span_mm"):
             raise RecordingFormatError(f"{where}, {name}: expected a number [mm]; it is missing")

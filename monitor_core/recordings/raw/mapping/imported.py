@@ -165,7 +165,8 @@ def _windows_of_file(
     seen: Callable[[Channels], None] | None,
 ) -> _FileWindows:
     path = paths[number]
-    sources = [source for source in (signals.response, signals.motor, signals.position) if source is not None]
+    named = (signals.response, signals.motor, signals.position, signals.reference)
+    sources = [source for source in named if source is not None]
     if signals.sweep is None:
         sources.insert(0, signals.excitation)
     channels = read_channels(path, channel_map.text)
@@ -267,7 +268,7 @@ def _window(
         finite = trace[np.isfinite(trace)]  # the gate refuses a window with others
         position, span = float(np.mean(finite)) if finite.size else 0.0, span_of(trace)
     elif span is None:  # of a scale, see facts_required
-        span = span_of(piece[1].astype(np.float64))
+        span = span_of(piece[1 if signals.motor is None else -1].astype(np.float64))
     require_place(position or 0.0, path.name)
     return Window(
         excitation=piece[0],
@@ -281,6 +282,7 @@ def _window(
         direction=facts.direction or Direction.BOTH,
         position_span=span or 0.0,
         position_trace=trace,
+        reference=None if signals.reference is None else piece[2 if signals.position is None else 3],
         response_quantity=signals.response_quantity,
         response_resolution=resolution,
     )

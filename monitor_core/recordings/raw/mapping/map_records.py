@@ -143,6 +143,7 @@ class SessionSignals:
     response_quantity: ResponseQuantity = ResponseQuantity.ACCELERATION
     motor: MappedChannel | None = None  # whose travel [m] the response, a scale, is subtracted from
     sweep: Sweep | None = None  # what the excitation is worked out from, where no channel holds it
+    reference: MappedChannel | None = None  # what the control commanded
 
 
 @dataclass(frozen=True, slots=True)

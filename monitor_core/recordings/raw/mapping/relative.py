@@ -14,7 +14,8 @@ _LEAST, _MOST = 0.5, 2.0
 def with_relative_displacement(record: Record) -> Record:
     """Return a record whose response is the way of the motor less that of the scale [m].
 
-    Signals are excitation, scale and motor, both in metres, and others behind them. ``RecordingFormatError`` if one
+    Signals are excitation, scale and motor, both in metres, and others behind them; the scale goes behind these, for it
+    says how far the table goes. ``RecordingFormatError`` if one
     goes so much farther than the other that the lead is another one, or if they count against each other.
     """
     excitation, scale, motor, *others = record.signals
@@ -30,5 +31,5 @@ def with_relative_displacement(record: Record) -> Record:
             f"{record.file_name}, {record.names[2]}: expected a motor that moves {record.names[1]!r} by lead_mm for a "
             f"turn; it goes {ratio:.3g} times as far: lead_mm times {ratio:.3g} would fit, if the units are right"
         )
-    names = (record.names[0], f"{record.names[2]} less {record.names[1]}", *record.names[3:])
-    return replace(record, names=names, signals=(excitation, by_motor - by_scale, *others))
+    names = (record.names[0], f"{record.names[2]} less {record.names[1]}", *record.names[3:], record.names[1])
+    return replace(record, names=names, signals=(excitation, by_motor - by_scale, *others, scale))

@@ -125,6 +125,9 @@ def _session_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Ch
     if position is not None:
         travel = tuple(channel_entries(position, Quantity.POSITION, parts))
         yield MapTable("position", travel, "measured travel; without it, position_mm in [window]")
+    if signals.reference is not None:
+        remark = "a set-point that the control follows: takes off what its loop does to the frequency"
+        yield MapTable("reference", tuple(_reference_lines(signals.reference)), remark, optional=True)
     used = [*signals.known, *([] if position is None else [position])]
     yield from time_tables(times, used, channels)
     lines = _window_lines(used, times, channels, has_position=position is not None, travels=travels)
@@ -169,6 +172,11 @@ def _motor_lines(motor: Part) -> Iterator[MapEntry]:
     yield MapEntry("channel", motor.channel.name, "angle of the motor", Mark.OPTIONAL)
     yield MapEntry("unit", motor.unit or "rad", "rad, deg or rev", Mark.OPTIONAL)
     yield number("lead_mm", "10", "way of the table for a turn of the motor", Mark.OPTIONAL)
+
+
+def _reference_lines(reference: Part) -> Iterator[MapEntry]:
+    yield MapEntry("channel", reference.channel.name, "planned, by its name", Mark.OPTIONAL)
+    yield MapEntry("unit", reference.unit or "", "of any quantity", Mark.OPTIONAL)
 
 
 def _parted(entries: Iterator[MapEntry]) -> tuple[list[MapEntry], list[MapEntry]]:

@@ -19,6 +19,11 @@ _ANSWERS = (
     (ChannelKind.SPEED, ResponseQuantity.MOTOR_SPEED, ResponseQuantity.MOTOR_SPEED),
 )
 _MOTOR_OF = re.compile(r"mot|rotor|_m\b", re.IGNORECASE)
+#: What a reference may be, the best first: a speed is often asked for by the controller of the position.
+_REFERENCES: tuple[ChannelKind | None, ...] = (
+    ChannelKind.ACCELERATION, ChannelKind.POSITION, ChannelKind.ANGLE, ChannelKind.VELOCITY, ChannelKind.SPEED,
+)  # fmt: skip
+_ERROR = re.compile(r"err|fehler|dev|diff|lag", re.IGNORECASE)
 _PREFERRED = tuple(ResponseQuantity)
 _NAMED = {
     ResponseQuantity.VELOCITY: "the velocity",
@@ -42,6 +47,7 @@ class Signals:
     response: Part | None
     answers: ResponseQuantity
     motor: Part | None = None  # its angle, where the response is a scale
+    reference: Part | None = None  # a set-point, where the drive's own torque or current excites
 
     @property
     def known(self) -> list[Part]:
@@ -67,7 +73,16 @@ def signals_in(parts: Sequence[Part]) -> Signals:
     response = found.get(answers) or (left.pop(0) if left else None)
     motor = found.get(ResponseQuantity.MOTOR_ANGLE) if answers is ResponseQuantity.DISPLACEMENT else None
     excited = _excited(excitation)
-    return Signals(excitation, excited, _source(excitation, excited), response, answers, motor)
+    source = _source(excitation, excited)
+    reference = _reference(parts, longest) if source is ExcitationSource.DRIVE else None
+    return Signals(excitation, excited, source, response, answers, motor, reference)
+
+
+def _reference(parts: Sequence[Part], longest: int) -> Part | None:
+    """Return what a control was told from outside of its loop: no torque that it asks for itself, and no error."""
+    found = [p for p in parts if p.size == longest and p.varies and p.unit and is_planned(p.channel.name)]
+    found = [part for part in found if part.kind in _REFERENCES and not _ERROR.search(part.channel.name)]
+    return min(found, key=lambda part: _REFERENCES.index(part.kind), default=None)
 
 
 def what_they_show(signals: Signals) -> str:
@@ -76,6 +91,11 @@ def what_they_show(signals: Signals) -> str:
         return ""
     response, excited = f"{_NAMED[signals.answers]} {signals.response.channel.name!r}", signals.excited
     excitation = f"{'the drive' if excited is None else _NAMED[excited]} {signals.excitation.channel.name!r}"
+    loop = ""
+    if signals.source is ExcitationSource.DRIVE and signals.reference is None:
+        loop = "; what the control loop does to the frequency stays unknown without a set-point beside them"
+    elif signals.reference is not None:
+        loop = f"; {signals.reference.channel.name!r} as [reference] takes off what the control loop does to it"
     shown = f"no acceleration: natural frequency, damping and, with a calibration, preload from {response} and"
     if excited is ExcitationQuantity.CURRENT:
         lacking = "the torque constant is not stated"
@@ -84,8 +104,8 @@ def what_they_show(signals: Signals) -> str:
     elif signals.answers.is_of_motor:
         lacking = "the table itself is not measured"
     else:
-        return f"{shown} {excitation}"
-    return f"{shown} {excitation}; no modal mass and no friction torque, because {lacking}"
+        return f"{shown} {excitation}{loop}"
+    return f"{shown} {excitation}; no modal mass and no friction torque, because {lacking}{loop}"
 
 
 def _responses(parts: Sequence[Part]) -> Iterator[tuple[ResponseQuantity, Part]]:
