@@ -344,6 +344,7 @@ def test_what_the_torque_puts_in_friction_and_dampers_take_out():
     assert put_in == pytest.approx(damped + rubbed, rel=0.01)
 
 
+@pytest.mark.release  # compiling its steps takes longer than all others here
 @pytest.mark.parametrize(
     ("hidden", "louder"),
     [

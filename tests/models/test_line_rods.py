@@ -101,6 +101,7 @@ def test_rod_with_an_inertia_at_its_end_is_within_1_ppm(long_rods):
         assert abs(pole.real) < 1e-9 * abs(pole)
 
 
+@pytest.mark.release
 def test_rod_on_a_spring_is_within_1_ppm(long_rods):
     # Closed form: Zω tan ωT = k with the other end free. A rigid rod would swing at 162.3 Hz.
     p, _, matrix = long_rods
