@@ -312,12 +312,17 @@ def log_evidence(weighed: Weighed, judged: Judged, signs: tuple[float, ...]) -> 
 
 
 def _log_density(signs: tuple[float, ...], n_combinations: int) -> FloatArray:
-    """Return what is believed of each combination, of a loss twice, since it goes one way only."""
-    count = n_losses(signs)
-    others = n_combinations - count
-    any_way = 0.0 if not others else ANY_WAY if count else 1.0
-    share = np.repeat([2.0 * (1.0 - any_way) / max(count, 1), any_way / max(others, 1)], [count, others])
-    return np.asarray(np.log(share))
+    """Return what is believed of each combination, of a loss twice, since it goes one way only.
+
+    As many numbers as there are or fewer show a loss, each count of them as likely, and those of one count alike (Scott
+    & Berger, Ann. Stat. 38 (2010) 2587–2619): that all show it is no rarer than that one of them does.
+    """
+    known = sum(sign != 0.0 for sign in signs)
+    shown = np.array([subset.bit_count() for subset in range(1, n_losses(signs) + 1)], dtype=int)
+    others = n_combinations - shown.size
+    any_way = 0.0 if not others else ANY_WAY if known else 1.0
+    of_losses = 2.0 * (1.0 - any_way) / (known * scipy.special.comb(known, shown)) if known else np.zeros(0)
+    return np.asarray(np.log(np.concatenate((of_losses, np.full(others, any_way / max(others, 1))))))
 
 
 def step_of(weighed: Weighed, judged: Judged, which: int, series: int) -> float:

@@ -332,13 +332,18 @@ def _single_delay(values: Array, loss: LossDirection, at: int, rate: float, fric
 
 
 @pytest.mark.release
-@pytest.mark.parametrize("seed", [41, 42])
-def test_a_loss_shows_sooner_in_all_numbers_together_than_in_the_best_of_them(seed: int) -> None:
-    """A tenth of the preload at once: delay at most .8 of the best single chart's, at no higher rate than stated."""
-    rate, at, days, n_axes = 4.0, 60, 210, 40
+@pytest.mark.parametrize("seeds", [(41, 42, 43), (44, 45, 46)])
+def test_a_loss_shows_sooner_in_all_numbers_together_than_in_the_best_of_them(seeds: tuple[int, ...]) -> None:
+    """A tenth of the preload at once: delay at most .8 of the best single chart's, at no higher rate than stated.
+
+    A few machines that hardly show it carry the means: of forty axes the ratio is known to a third only, and the best
+    of four means lies low by chance.
+    """
+    rate, at, days, n_axes = 4.0, 60, 210, 40 * len(seeds)
     limit, signs = math.log(365.0 / rate), (-1.0, 1.0, 0.0, -1.0)
-    rng = np.random.default_rng(seed)
-    axes = np.array([_axis(days, np.where(np.arange(days) < at, 0.0, 0.1), rng) for _ in range(n_axes)])
+    wear = np.where(np.arange(days) < at, 0.0, 0.1)
+    drawn = [(np.random.default_rng(seed), range(40)) for seed in seeds]
+    axes = np.array([_axis(days, wear, rng) for rng, numbers in drawn for _ in numbers])
     baseline = SESSIONS_PER_NUMBER * axes.shape[-1]
     alarmed = evidence_of_histories(axes, baseline, limit, signs) > limit
     early = alarmed[:, :at].any(axis=1)
