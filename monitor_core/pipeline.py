@@ -42,7 +42,7 @@ from monitor_core.preload.drag_torque import Friction, estimate_friction
 from monitor_core.preload.estimate import new_each_time, place_reading, refuse_other_channels
 from monitor_core.preload.feature import position_part
 from monitor_core.preload.fit import BETWEEN_SESSIONS
-from monitor_core.preload.witnesses import WitnessName
+from monitor_core.preload.witnesses import Setting, WitnessName
 from monitor_core.quality import QualityGate, gate_window
 from monitor_core.recording import (
     Conditions,
@@ -353,8 +353,10 @@ def advance(
         charted = ChartedFeature(at, feature, conditions, friction, bool(outcome.doubts))
         return advance_feature(state, charted, calibration=None, design=design)
     return advance_estimate(
-        state, outcome.preload, conditions, at, friction_torque=friction, calibration=calibration, design=design
-    )
+        state, outcome.preload, conditions, at, friction_torque=friction,
+        damping_ratio=outcome.modal.mode.damping_ratio.value, residue=abs(outcome.modal.mode.residue),
+        calibration=calibration, design=design,
+    )  # fmt: skip
 
 
 def inverse_square(frequency: Estimate, random_uncertainty: float | None = None) -> Estimate:
@@ -373,6 +375,8 @@ def advance_estimate(
     at: datetime,
     *,
     friction_torque: float | None = None,
+    damping_ratio: float | None = None,
+    residue: float | None = None,
     calibration: Calibration,
     design: DetectorDesign,
 ) -> AxisState:
@@ -380,7 +384,10 @@ def advance_estimate(
     # the frequency's own uncertainty only: the scatter between measurements is what the baseline learns
     feature = Estimate(estimate.feature.value, estimate.feature_own_uncertainty)
     place = place_reading(conditions, estimate, calibration)
-    charted = ChartedFeature(at, feature, conditions, friction_torque, bool(estimate.doubts), place)
+    charted = ChartedFeature(
+        at, feature, conditions, friction_torque, bool(estimate.doubts), place, damping_ratio=damping_ratio,
+        residue=residue,
+    )  # fmt: skip
     return advance_feature(state, charted, calibration=calibration, design=design)
 
 
@@ -395,6 +402,8 @@ class ChartedFeature:
     in_doubt: bool = False
     place: PlaceReading | None = None  # what the places of its session are compared by; None: not known
     lubricated: bool = False  # since the feature before it, as somebody said
+    damping_ratio: float | None = None  # of the mode [-]
+    residue: float | None = None  # its magnitude [m/(N·m·s²) or m/(N·s²)]
 
 
 #: Conditions of the baseline that are remembered: more places are hardly visited by one axis.
@@ -442,7 +451,7 @@ def advance_feature(
         # what a law that is still being learnt makes of it is no number to learn from
         joint=state.joint
         if state.sums
-        else joint_step(state.joint, _numbers_of(charted, observation, calibration), design, WATCHED_TOGETHER),
+        else joint_step(state.joint, _numbers_of(charted, observation, calibration), design, _ways(calibration)),
         sums=() if detector.known is not None else state.sums,
         drive=None if detector.known is not None else state.drive,
     )
@@ -450,13 +459,29 @@ def advance_feature(
 
 #: Numbers of a measurement that are watched together, and which way each goes as preload is lost.
 WATCHED_TOGETHER = {"frequency": LossDirection.FALL, "friction-torque": LossDirection.FALL}
+#: These, too, where a calibration tells what place, payload and temperature do to them.
+WITNESSED = (WitnessName.DAMPING_RATIO, WitnessName.RESIDUE)
+
+
+def _ways(calibration: Calibration | None) -> dict[str, LossDirection]:
+    """Return which way numbers go as preload is lost, as far as that is known: of some the calibration may have it."""
+    ways = dict(WATCHED_TOGETHER)
+    if calibration is None:
+        return ways
+    setting = Setting(0.5 * (calibration.position.lower + calibration.position.upper), calibration.preload.upper)
+    for witness in calibration.witnesses:
+        rises = witness.rises_with_preload(setting) if witness.name in WITNESSED else None
+        if rises is not None:
+            ways[str(witness.name)] = LossDirection.FALL if rises else LossDirection.RISE
+    return ways
 
 
 def _numbers_of(charted: ChartedFeature, observation: Observation, calibration: Calibration | None) -> JointObservation:
     """Return the logarithms of what a measurement is watched by; the frequency is that at one place of the axis.
 
     Without a calibration the mean conditions of the baseline, else the middle of the travel: a preload feature alone is
-    a small part of 1/f², and would change many times as much.
+    a small part of 1/f², and would change many times as much. Damping and residue are counted from what the calibration
+    lets expect where and as it was measured, at one preload.
     """
     inverse = observation.value
     if calibration is not None:
@@ -465,6 +490,12 @@ def _numbers_of(charted: ChartedFeature, observation: Observation, calibration: 
     numbers = {"frequency": -0.5 * math.log(inverse)} if inverse > 0.0 else {}
     if charted.friction_torque is not None and charted.friction_torque > 0.0:
         numbers["friction-torque"] = math.log(charted.friction_torque)
+    if calibration is not None and calibration.position.covers(charted.conditions.position):
+        setting = calibration.setting(charted.conditions, calibration.preload.upper)
+        for name, value in zip(WITNESSED, (charted.damping_ratio, charted.residue), strict=True):
+            witness = calibration.witness(name)
+            if witness is not None and value is not None and value > 0.0:
+                numbers[str(name)] = witness.deviation(value, setting).logarithm
     return JointObservation(charted.at, numbers, observation.temperature, observation.in_doubt, observation.lubricated)
 
 

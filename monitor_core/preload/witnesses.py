@@ -132,6 +132,14 @@ class Witness:
         of = dict(zip(self.terms, self.coefficients.values.tolist(), strict=True))
         return float(of.get("preload", 0.0) + 2.0 * of.get("preload_squared", 0.0) * math.log(setting.preload))
 
+    def rises_with_preload(self, setting: Setting) -> bool | None:
+        """Tell whether it rises with the preload; ``None`` where the calibration does not show that to 95 %."""
+        of = {"preload": 1.0, "preload_squared": 2.0 * math.log(setting.preload)}
+        row = np.array([of.get(term, 0.0) for term in self.terms])
+        slope, variance = float(row @ self.coefficients.values), float(row @ self.coefficients.covariance @ row)
+        reach = float(scipy.special.stdtrit(self.coefficients.degrees_of_freedom, 0.975)) * math.sqrt(variance)
+        return slope > 0.0 if abs(slope) > reach else None
+
     def slope_in_theta(self, setting: Setting) -> float:
         r"""Return :math:`dw/d\theta` of the expected value, :math:`\theta = P^{-1/3}` [unit of the witness·N^(1/3)]."""
         return float(self.expected(setting) * self.slope_in_preload(setting) * -3.0 * np.cbrt(setting.preload))

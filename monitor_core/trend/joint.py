@@ -152,6 +152,7 @@ class JointEvidence:
     log_evidence: float  # ln R
     limit: float
     changes: tuple[NumberChange, ...]  # by share, the largest first
+    as_loss: bool = True  # they go the ways in which a loss of preload moves them
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +251,9 @@ def _closed(state: JointState, design: DetectorDesign, loss: Mapping[str, LossDi
         return replace(state, session=None)
     settings, learnt = design.settings, state.learnt
     # of numbers that come and go the newest sessions tell which can be watched
-    collected = (*state.learning, session)[-2 * settings.baseline_size :]
+    collected = (*state.learning, session)
+    n_numbers = len({name for each in collected for name in each.values})
+    collected = collected[-max(2 * settings.baseline_size, SESSIONS_PER_NUMBER * n_numbers) :]
     if learnt is None:
         span = collected[-1].started_at - collected[0].started_at
         enough = len(collected) >= settings.baseline_size and span >= settings.baseline_span
@@ -343,8 +346,9 @@ def _carried(
     if log_evidence is not None and log_evidence > limit:
         best = int(np.argmax(each[: len(at)]))
         changes = _changes(belief, judged, *joint_filter.changes_since(weighed, judged, each + weighed.merged))
-        alarm = JointEvidence(session.last_at, at[best], log_evidence, limit, changes)
         series = int(np.argmax(of_series[best]))
+        as_loss = series < joint_filter.n_losses(belief.signs)
+        alarm = JointEvidence(session.last_at, at[best], log_evidence, limit, changes, as_loss)
         now = joint_filter.step_of(weighed, judged, best, series)
         bank = joint_filter.without_step(_bank(learnt), weighed, best)
         chart = JointChart(log_evidence=log_evidence, alarm=alarm, series=series, step=now, recent=now)

@@ -195,8 +195,8 @@ def alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:
     values: dict[str, Value] = {"axis": axis, "onset": evidence.onset, "day": evidence.at}
     if evidence.numbers:
         text = N_(
-            "On %(day)s several numbers of %(axis)s together had changed as when preload is lost, since about "
-            "%(onset)s; the preload alone did not show it."
+            "On %(day)s several numbers of %(axis)s together had changed as those of a healthy axis do not, since "
+            "about %(onset)s; the preload alone did not show it."
         )
         return Said(text, values)
     if baseline is None or lost is None:
@@ -211,8 +211,8 @@ def alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:
 
 def _changed_together(since: datetime) -> Standing:
     text = N_(
-        "Several numbers together have changed since %(day)s as when preload is lost; the preload alone does not show "
-        "it."
+        "Several numbers together have changed since %(day)s as those of a healthy axis do not; the preload alone does "
+        "not show it."
     )
     step = N_("Measure at another position, check nut preload, lubrication and mounting.")
     return Standing(Said(text, {"day": since}), Said(step))

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from service.store.trend.points import TrendPoint
 
 #: What the numbers are called in sentences.
-_CALLED = {"frequency": "natural frequency", "friction-torque": "friction torque"}
+_CALLED = {
+    "frequency": "natural frequency", "friction-torque": "friction torque", "damping-ratio": "damping ratio",
+    "residue": "residue",
+}  # fmt: skip
 
 
 class TogetherAlarm(BaseModel):
@@ -86,8 +89,9 @@ def said_of(alarm: JointEvidence) -> str:
             f"{_CALLED[change.name]} {number.change_percent:+.1f} ± {half:.1f} % ({100.0 * change.share:.0f} % of the "
             "evidence)"
         )
+    as_loss = " as when preload is lost" if alarm.as_loss else ", though not as when preload is lost"
     return (
-        f"since {alarm.onset:%Y-%m-%d} several numbers together have changed as when preload is lost: "
+        f"since {alarm.onset:%Y-%m-%d} several numbers together have changed{as_loss}: "
         f"{', '.join(parts)}; the logarithm of the evidence is {alarm.log_evidence:.1f}, its limit {alarm.limit:.1f}"
     )
 

@@ -90,6 +90,12 @@ def _keep_lost_motion(connection: Connection) -> None:
     _make_anew(connection, AlarmRow.metadata.tables[AlarmRow.__tablename__])
 
 
+def _keep_damping_and_residue(connection: Connection) -> None:
+    """Keep what is watched together with the frequency; measurements of before have neither."""
+    for name in ("damping_ratio", "residue"):
+        connection.execute(text(f"ALTER TABLE trend_points ADD COLUMN {name} FLOAT"))
+
+
 #: Oldest version that this program opens.
 BASELINE = "0017"
 #: What follows the baseline: the version that each step leads to, and what it changes, on SQLite and on PostgreSQL.
@@ -101,6 +107,7 @@ STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0022", _keep_frequencies),
     ("0026", _count_friction_positive),
     ("0028", _keep_lost_motion),
+    ("0030", _keep_damping_and_residue),
 )
 #: The version that this program writes.
 VERSION = STEPS[-1][0]

@@ -43,7 +43,10 @@ CALLED: Final[dict[str, dict[str, str]]] = {
         "outside-calibration": N_("outside the calibration"), "moved-mass-mismatch": N_("another moved mass"),
         "damping-mismatch": N_("another damping"), "waveform-damaged": N_("stored samples are damaged"),
     },
-    "number": {"frequency": N_("Natural frequency"), "friction-torque": N_("Friction torque")},
+    "number": {
+        "frequency": N_("Natural frequency"), "friction-torque": N_("Friction torque"),
+        "damping-ratio": N_("Damping ratio"), "residue": N_("Residue"),
+    },
     "work": {
         "lubricated": N_("lubricated"), "nut-replaced": N_("nut replaced"), "screw-replaced": N_("screw replaced"),
         "mounting": N_("mounting changed"), "other": N_("other work"),

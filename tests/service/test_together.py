@@ -1,5 +1,6 @@
 """Numbers that are watched together: the fold over measurements, and what is said of it."""
 
+import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -8,6 +9,7 @@ import pytest
 
 from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
 from monitor_core.preload import preload_feature
+from monitor_core.preload.witnesses import WitnessName
 from monitor_core.recording import Conditions
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
@@ -36,6 +38,45 @@ def _fold(days: int, lost_from: int, lost: tuple[float, float], *, friction: boo
         state = advance_feature(state, charted, calibration=calibration, design=DESIGN)
         state = load_state(dump_state(state))
     return state
+
+
+def _measured_everywhere(days: int, changed_from: int, change: dict[str, float], seed: int = 4) -> AxisState:
+    """Return the state of an axis whose damping and residue are measured, at any place and payload, by a regression."""
+    rng, state, calibration = np.random.default_rng(seed), AxisState(), bundled_calibration()
+    for day in range(days):
+        conditions = Conditions(rng.uniform(0.2, 0.8), rng.choice([0.0, 10.0]), 21.0 + rng.normal())
+        setting = calibration.setting(conditions, 300.0)
+        values = {}
+        for name in (WitnessName.DAMPING_RATIO, WitnessName.RESIDUE):
+            witness = calibration.witness(name)
+            assert witness is not None
+            of_day = 0.01 * rng.normal() + change.get(str(name), 0.0) * (day >= changed_from)
+            values[name] = witness.expected(setting) * math.exp(of_day)
+        frequency = 178.0 * (1.0 + 0.003 * rng.normal())
+        charted = ChartedFeature(
+            START + timedelta(days=day),
+            Estimate(preload_feature(frequency, 0.5, calibration.coefficients), 0.0),
+            conditions,
+            0.4 * (1.0 + 0.02 * rng.normal()),
+            damping_ratio=values[WitnessName.DAMPING_RATIO],
+            residue=values[WitnessName.RESIDUE],
+        )
+        state = load_state(dump_state(advance_feature(state, charted, calibration=calibration, design=DESIGN)))
+    return state
+
+
+def test_damping_and_residue_are_watched_at_any_place_and_payload_of_a_calibration() -> None:
+    """What place and payload do to them is taken out; a sensor whose gain moves is no loss, and is not called one."""
+    healthy = together_view(_measured_everywhere(70, 99, {}).joint, DESIGN)
+    assert healthy.numbers == ("damping-ratio", "frequency", "friction-torque", "residue")
+    assert healthy.alarm is None
+    view = together_view(_measured_everywhere(62, 50, {"residue": -0.06}).joint, DESIGN)
+    assert view.alarm is not None
+    first = view.alarm.numbers[0]
+    lower, upper = first.interval_95_percent
+    assert first.number == "residue"
+    assert lower < 100.0 * math.expm1(-0.06) < upper
+    assert "though not as when preload is lost" in view.sentence
 
 
 def test_an_alarm_names_each_number_with_its_change_and_its_share() -> None:

@@ -61,6 +61,9 @@ class TrendPoint:
     # of a healthy axis there, with what one more session scatters by; None: a calibration, or the baseline is learnt
     expected_frequency_hz: float | None = None
     expected_frequency_uncertainty_hz: float | None = None
+    # None also of measurements that an older program judged
+    damping_ratio: float | None = None
+    residue: float | None = None  # its magnitude [m/(N·m·s²) or m/(N·s²), as the excitation is]
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -478,6 +478,8 @@ def _advanced(
         in_doubt=point.doubt is not None,
         place=_place_of(point),
         lubricated=lubricated,
+        damping_ratio=point.damping_ratio,
+        residue=point.residue,
     )
     return advance_feature(state, charted, calibration=calibration, design=design)
 

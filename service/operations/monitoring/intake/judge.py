@@ -183,6 +183,8 @@ def judged_point(
         baseline_preload_n=None,
         doubt=str(doubts[0].reason) if doubts else None,
         shown_scatter_s2=None if estimate is None else estimate.feature_scatter,
+        damping_ratio=None if modal is None else finite_or_null(modal.mode.damping_ratio.value),
+        residue=None if modal is None else finite_or_null(abs(modal.mode.residue)),
         place_uncertainty=_place_uncertainty(modal, estimate, calibration),
     )
 
