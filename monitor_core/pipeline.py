@@ -238,9 +238,7 @@ def _refuse_channels(window: Window, calibration: Calibration | None) -> Rejecti
     """Return why a calibration does not hold for the channels of a window, or ``None``."""
     if calibration is None:
         return None
-    return refuse_other_channels(
-        calibration, window.excitation_source, window.excitation_quantity, window.response_quantity
-    )
+    return refuse_other_channels(calibration, window.source, window.excitation_quantity, window.response_quantity)
 
 
 def _with_friction(modal: ModalMeasurement, friction: Friction) -> ModalMeasurement:
@@ -310,7 +308,7 @@ def _preload(
         modal.mode.frequency,
         modal.conditions,
         calibration,
-        excitation_source=window.excitation_source,
+        excitation_source=window.source,
         excitation_quantity=window.excitation_quantity,
         response_quantity=window.response_quantity,
         witnesses=witnesses_of(modal),

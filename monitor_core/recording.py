@@ -47,6 +47,7 @@ class ExcitationSource(StrEnum):
 
     SENSOR = "sensor"
     DRIVE = "drive"  #: what the drive measures or estimates, as torque from current and torque constant
+    DRIVE_BY_REFERENCE = "drive-by-reference"  #: of that, what follows a reference; of measurements, never of a window
     COMMANDED = "commanded"
 
 
@@ -229,6 +230,8 @@ class Window:
                     f"position must have as many samples as the excitation ({self.excitation.size}); "
                     f"got shape {self.position_trace.shape}"
                 )
+        if self.excitation_source is ExcitationSource.DRIVE_BY_REFERENCE:
+            raise InvalidWindowError(f"excitation_source must be drive, with a reference; got {self.excitation_source}")
         if self.reference is not None:
             object.__setattr__(self, "reference", read_only_samples(self.reference))
             if self.reference.shape != self.excitation.shape:
@@ -259,6 +262,12 @@ class Window:
     def ended_at(self) -> datetime:
         """When its last sample ended."""
         return self.started_at + timedelta(seconds=self.n_samples / self.sample_rate)
+
+    @property
+    def source(self) -> ExcitationSource:
+        """What a calibration must be of: with a reference, the drive's torque shows the axis without its loop."""
+        by_reference = self.reference is not None and self.excitation_source is ExcitationSource.DRIVE
+        return ExcitationSource.DRIVE_BY_REFERENCE if by_reference else self.excitation_source
 
     @property
     def placed(self) -> "Placed":

@@ -134,7 +134,7 @@ def measure_mode(
         started_at=used[0].started_at,
         measurement=windows[0].measurement,
         excitation_quantity=windows[0].excitation_quantity,
-        excitation_source=windows[0].excitation_source,
+        excitation_source=windows[0].source,
         response_quantity=windows[0].response_quantity,
         excitation_level=_excitation_level(spectra.of_windows(answer.kept), mode),
         excitation_rms=_excitation_rms(spectra.of_windows(answer.kept), band),

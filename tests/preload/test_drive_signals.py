@@ -1,5 +1,6 @@
 """Preload through a calibration from current and scale, against the accelerometer's on the same moves."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -86,6 +87,12 @@ def judged(logs, kind, step) -> list[PreloadEstimate]:
         assert isinstance(refused, Rejection)
         assert refused.reason is RejectionReason.EXCITATION_SOURCE_MISMATCH
         assert refused.detail == "the calibration holds for a displacement as response; got acceleration"
+    if step is not None and kind is ExcitationQuantity.CURRENT:  # nor is one of a loop for what a reference shows
+        told = recorded(logs[LATER[0]], LATER[0], day=60, step=step, kind=kind, is_set=False)
+        told = [replace(window, reference=window.excitation) for window in told]
+        refused = judge_measurement(told, SETTINGS, calibration).preload
+        assert isinstance(refused, Rejection)
+        assert refused.detail == "the calibration is for excitation source drive; got drive-by-reference"
     return estimates
 
 

@@ -62,7 +62,7 @@ class AxisConfiguration(RequestModel):
     search_band_hz: tuple[Frequency, Frequency] | None = Field(
         default=None, description="where the axial mode is looked for as long as no calibration says it better"
     )
-    excitation_source: Literal["sensor", "drive"] = "sensor"
+    excitation_source: Literal["sensor", "drive", "drive-by-reference"] = "sensor"
     sample_rate_hz: SampleRate | None = Field(default=None, description="windows at another rate are refused")
     windows_per_measurement: int = Field(
         default=15, ge=2, le=1000, description="a measurement is judged as soon as so many windows were accepted"
