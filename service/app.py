@@ -5,7 +5,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-from fastapi import Depends, FastAPI
+from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 from pydantic.json_schema import models_json_schema
@@ -26,7 +26,6 @@ from service.api import (
     windows,
 )
 from service.api.access import Gate, RefusedInLog, scopes_of
-from service.api.http.body import require_json
 from service.api.http.compression import LEVEL, Compression
 from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
@@ -135,12 +134,11 @@ def create_app(settings: Settings) -> FastAPI:
     app.openapi = partial(describe, app)  # type: ignore[method-assign]  # FastAPI's own way to replace it
     app.state.settings = settings
     install_problem_handlers(app)
-    of_json = [
-        each.router
-        for each in (axes, trend_points, trend, lost_motion, calibrations, calibrating, alarms, jobs, retention, system)
-    ]
-    of_json.append(axes.maintenance_router)
-    routers = [windows.router, recordings.router, *of_json, health.router, *PAGES]
+    of_api = (
+        windows, recordings, axes, trend_points, trend, lost_motion, calibrations, calibrating, alarms, jobs, retention,
+        system, health,
+    )  # fmt: skip
+    routers = [*(each.router for each in of_api), axes.maintenance_router, *PAGES]
     app.add_middleware(
         RequestLimits,
         largest_body=settings.max_body_mib * 2**20,
@@ -155,7 +153,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Site)
     app.add_middleware(RequestObserver, metrics=metrics)
     for router in routers:
-        app.include_router(router, dependencies=[Depends(require_json)] if router in of_json else None)
+        app.router.routes += router.routes  # which to include makes once more, at the first request of each start
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
     return app

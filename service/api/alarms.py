@@ -3,20 +3,20 @@
 from datetime import datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import AliasPath, BaseModel, ConfigDict, Field
 
 from service.api.access import CallerOf, needs
 from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
 from service.api.jobs import JobOut, started
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.documents.change import NotExamined
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AnswerModel, AxisName, Moment, RequestModel, RowId, Text, ViewModel
 
-router = APIRouter(prefix="/v1", tags=["alarms"])
+router = api_router("alarms")
 
 AlarmStatus = Literal["active", "acknowledged", "cleared", "withdrawn"]
 

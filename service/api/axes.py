@@ -3,12 +3,12 @@
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from pydantic import AliasPath, BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
 
 from service.api.access import needs
 from service.api.http.body import JSON_TYPE
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.documents.consequences import Kind
 from service.documents.said import in_english
 from service.documents.stored_measurement import StoredMeasurement
@@ -22,8 +22,8 @@ from service.operations.monitoring.consequences import outlook_of
 from service.operations.monitoring.maintenance import MaintenanceIn, Work
 from service.operations.monitoring.trend import machines_of
 
-router = APIRouter(prefix="/v1", tags=["axes"])
-maintenance_router = APIRouter(prefix="/v1", tags=["maintenance"])
+router = api_router("axes")
+maintenance_router = api_router("maintenance")
 
 
 class AxisIn(RequestModel):

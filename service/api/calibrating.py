@@ -2,20 +2,20 @@
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from pydantic import AliasPath, BaseModel, BeforeValidator, Field
 
 from monitor_core.recordings.elements.units import to_millimetres
 from service.api.access import needs
 from service.api.jobs import JobOut, started
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.operations.access.scopes import Scope
 from service.operations.calibrating.catalogue import CatalogueIn, axis_proposal
 from service.operations.calibrating.fit_job import CalibrationJobIn
 from service.operations.calibrating.plan import PlanIn, calibration_plan
 from service.operations.fields import AnswerModel, AxisId
 
-router = APIRouter(prefix="/v1", tags=["calibrations"])
+router = api_router("calibrations")
 
 
 class ExpectedFrequencyOut(BaseModel):

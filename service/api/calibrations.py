@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Annotated, Literal, Self
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.preload import ModalReading
@@ -11,7 +11,7 @@ from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from service.api.access import needs
 from service.api.jobs import JobOut, started
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.analysis_job import MeasurementRange
@@ -33,7 +33,7 @@ from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.rejudgements import RejudgementIn
 from service.store.tables import CalibrationRow
 
-router = APIRouter(prefix="/v1", tags=["calibrations"])
+router = api_router("calibrations")
 
 
 class ReadingIn(RequestModel):

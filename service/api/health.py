@@ -7,13 +7,13 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from pydantic import BaseModel
 
 from monitor_core.trend import TrendStatus
 from service.api.access import needs
-from service.api.services import Services, ServicesOf
+from service.api.services import Services, ServicesOf, api_router
 from service.errors import BusyError, StorageError
 from service.observability import AxisReading, FleetGauges, ReceiverReading
 from service.operations.access.scopes import Scope
@@ -21,7 +21,7 @@ from service.operations.monitoring.trend import AxisStatus
 from service.store.database import Database
 
 log = logging.getLogger(__name__)
-router = APIRouter(tags=["operations"])
+router = api_router("operations", prefix="", reads_bodies=True)
 
 #: Below this the next waveforms might not fit; better to say so than to fail at a write.
 MINIMUM_FREE_BYTES = 200 * 2**20

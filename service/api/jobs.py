@@ -6,12 +6,12 @@ Replays, identifications, discrepancies (whose report is also a page) and the si
 from datetime import datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
 from service.api.access import needs
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import DiscrepancyIn
@@ -20,7 +20,7 @@ from service.operations.identification_job import IdentificationIn
 from service.operations.monitoring.replay import ReplayIn
 from service.store.tables import JobRow
 
-router = APIRouter(prefix="/v1")
+router = api_router()
 
 #: A report is a file of its own, with its style in it and no script.
 _OF_REPORT = {

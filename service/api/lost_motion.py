@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.access import needs
 from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.documents.said import in_english
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, Moment, RequestModel
@@ -18,7 +18,7 @@ from service.operations.monitoring.lost_motion import EXAMPLE, MOST_AT_ONCE, Los
 from service.store.trend.lost_motion import LostMotionReading
 from service.store.trend.points import Span
 
-router = APIRouter(prefix="/v1", tags=["lost motion"])
+router = api_router("lost motion")
 
 
 class LostMotionsIn(RequestModel):

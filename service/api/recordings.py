@@ -4,14 +4,14 @@ from datetime import datetime
 from functools import partial
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.access import needs
 from service.api.http.form import FORM_TYPE, FormReader, boundary_of
 from service.api.jobs import JobOut, started
-from service.api.services import ServicesOf, services_of
+from service.api.services import ServicesOf, api_router, services_of
 from service.documents.recording import ChannelEntry, FileEntry, LeftOutEntry
 from service.errors import NotAcceptableError
 from service.operations.access.scopes import Scope
@@ -20,7 +20,7 @@ from service.operations.recordings.recordings import RecordingView, contents_of
 from service.operations.recordings.upload import LARGEST_MAP_BYTES
 from service.store.tables import JobRow
 
-router = APIRouter(prefix="/v1", tags=["recordings"])
+router = api_router("recordings", reads_bodies=True)
 
 HDF5_TYPE, CSV_TYPE = "application/x-hdf5", "text/csv"
 #: So much of an upload is parsed and written in one step.

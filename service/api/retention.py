@@ -3,19 +3,19 @@
 from datetime import datetime
 from typing import Annotated, Literal, Self
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from service.api.access import CallerOf, needs
 from service.api.jobs import JobOut, started
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.operations import retention
 from service.operations.access.scopes import Scope
 from service.operations.fields import AnswerModel, AxisId, Moment, RequestModel, RowId, Text, exactly_one_of
 from service.operations.retention import Reason, Rule, Survey, Why
 from service.store.trend.points import Span
 
-router = APIRouter(prefix="/v1", tags=["retention"])
+router = api_router("retention")
 
 
 class RuleOut(BaseModel):

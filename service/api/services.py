@@ -1,10 +1,12 @@
-"""Give the routers the operations of one application."""
+"""Make the routers of the API, and give them the operations of one application."""
 
 from dataclasses import dataclass
 from typing import Annotated, cast
 
-from fastapi import Depends, Request
+from fastapi import APIRouter, Depends, Request
 
+from service.api.http.body import require_json
+from service.api.http.problems import PROBLEM_RESPONSES
 from service.jobs import JobRunner
 from service.observability import Metrics
 from service.operations.access.access import Access
@@ -75,3 +77,9 @@ async def services_of(request: Request) -> Services:
 
 #: What a route takes them by.
 ServicesOf = Annotated[Services, Depends(services_of)]
+
+
+def api_router(*tags: str, prefix: str = "/v1", reads_bodies: bool = False) -> APIRouter:
+    """Return a router whose errors are problems, and which takes JSON only unless its routes read bodies themselves."""
+    dependencies = [] if reads_bodies else [Depends(require_json)]
+    return APIRouter(prefix=prefix, tags=list(tags), dependencies=dependencies, responses=PROBLEM_RESPONSES)

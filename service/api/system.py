@@ -3,19 +3,19 @@
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, Field
 
 from service.api.access import needs
 from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.operations.access.scopes import Scope
 from service.operations.advice import Look, Section
 from service.operations.fields import AnswerModel, AxisName, RequestModel, ViewModel
 from service.operations.system import system_status
 
-router = APIRouter(prefix="/v1", tags=["operations"])
+router = api_router("operations")
 
 
 class VersionsOut(AnswerModel):

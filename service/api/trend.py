@@ -4,14 +4,13 @@ import math
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter
 from pydantic import AliasGenerator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from monitor_core.recording import Rejection
 from monitor_core.response import FrequencyResponse
 from service.api.access import needs
 from service.api.axes import MaintenanceOut, StaleOut
-from service.api.services import ServicesOf
+from service.api.services import ServicesOf, api_router
 from service.documents.history import AlertView, BaselineView, FalseAlarmsView, LineView
 from service.documents.measurement import numbers
 from service.documents.together import TogetherView
@@ -21,7 +20,7 @@ from service.operations.fields import AnswerModel, AxisId, RowId
 from service.operations.monitoring.evidence import OtherJudgement, evidence_of
 from service.operations.monitoring.long_run import projection_of
 
-router = APIRouter(prefix="/v1", tags=["trend"])
+router = api_router("trend")
 
 
 class WindowEntry(AnswerModel):

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from pydantic import BaseModel, Field
 from pydantic_core import to_json
 
@@ -15,7 +15,7 @@ from monitor_core.recording import DoubtReason
 from service.api.access import needs
 from service.api.axes import StaleOut
 from service.api.http.tables import TABLE_CONTENT, TableQuery, columns_of, table
-from service.api.services import Services, ServicesOf
+from service.api.services import Services, ServicesOf, api_router
 from service.documents.measurement import ends_of, falls_of
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
@@ -27,7 +27,7 @@ from service.store.rejudged import Stale
 from service.store.trend.points import Span
 from service.store.trend.shown import ToldColumns
 
-router = APIRouter(prefix="/v1", tags=["trend"])
+router = api_router("trend")
 
 
 class TrendPointOut(BaseModel):

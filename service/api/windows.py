@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import partial
 from typing import Annotated, Literal, Self, TypeVar
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
 from pydantic.config import JsonDict
@@ -25,13 +25,13 @@ from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT
 from service.api.access import needs
 from service.api.http.body import JSON_TYPE, MOST_WINDOWS, MSGPACK_TYPE, parse_body
 from service.api.http.samples import Samples
-from service.api.services import Services, services_of
+from service.api.services import Services, api_router, services_of
 from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AnswerModel, AxisId, RequestModel, Resolution, StatedOfWindow
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
-router = APIRouter(prefix="/v1", tags=["windows"])
+router = api_router("windows", reads_bodies=True)
 
 #: To hand a shorter body over to a thread, and take the windows back, costs more than to read it.
 READ_AT_ONCE = 256 * 1024
