@@ -9,14 +9,14 @@ A damping ratio that is stated with a frequency is compared with that of the sam
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
+from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.comparison import AsMeasured, ChangedConditions, Layout, Panel
@@ -24,8 +24,8 @@ from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.conditions.settings import SettingTolerances, known_mass, setting_of
 from monitor_core.fitting.observations import ModalObservation, conditions_in_order
 from monitor_core.fitting.residuals.natural_frequencies import assign_modes, modal_values
-from monitor_core.models.extended import AxisPhysics, moving_mass
-from monitor_core.models.extended.modes import DriveModes, FollowedModes, with_damping
+from monitor_core.models.extended import AxisPhysics, Move, moving_mass
+from monitor_core.models.extended.modes import DriveModes, FollowedModes, omega_slopes, with_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 #: Misfit of a frequency that no mode of the model comes near: as if it were a quarter too low.
@@ -60,12 +60,12 @@ class ModesComparison(AsMeasured):
         deviation = self.layout.standard_deviation
         return self.gap(deviation, np.ones_like(deviation), np.ones(deviation.size, dtype=np.bool_))
 
-    @property
+    @cached_property
     def damping(self) -> BoolArray:
         """Return which values are damping ratios, shape (n_values,)."""
         return np.asarray(self.frequency_of != np.arange(self.measured.size))
 
-    @property
+    @cached_property
     def _single_order(self) -> bool:
         """Return whether all frequencies are of one mode: then the nearest is assigned, however far it is."""
         return np.unique(self.layout.channel[~self.damping]).size == 1
@@ -73,6 +73,16 @@ class ModesComparison(AsMeasured):
     def misfit(self, physics: AxisPhysics) -> FloatArray:
         """Return ln(predicted/measured) of frequencies, predicted/measured − 1 of damping ratios, shape (n_values,)."""
         return np.asarray(self._misfits(physics, self.conditions)[0])
+
+    def slopes(self, physics: AxisPhysics, moves: Sequence[Move[AxisPhysics]]) -> Sequence[FloatArray | None]:
+        """Return the derivatives of the misfit by moves; None of all where a damping ratio was measured."""
+        if np.any(self.damping):
+            return [None] * len(moves)
+        ((_, modes, whose),) = self._assigned(physics, self.conditions)
+        ends = [self.motor_end] * len(self.conditions)
+        slopes = omega_slopes(modes, self.conditions, ends, physics, moves)
+        reached = np.where(whose < 0, 1.0, modes.undamped_omega[whose])
+        return [None if slope is None else np.where(whose < 0, 0.0, slope[whose]) / reached for slope in slopes]
 
     def condition_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
         """Return the change of the misfit by errors of position and preload, shape (2, n_values)."""
@@ -148,28 +158,57 @@ class ModesComparison(AsMeasured):
 
     def _misfits(self, physics: AxisPhysics, *conditions: Sequence[DriveConditions]) -> FloatArray:
         """Return the misfit under several conditions of each setting, at once, shape (n_conditions, n_values)."""
+        return np.stack([misfit for misfit, _, _ in self._assigned(physics, *conditions)])
+
+    def _assigned(
+        self, physics: AxisPhysics, *conditions: Sequence[DriveConditions]
+    ) -> Iterator[tuple[FloatArray, DriveModes, Indices]]:
+        """Yield misfits under several conditions of each setting, the modes, and which of them each value has."""
+        modes = self._modes(physics, tuple(stated for of_settings in conditions for stated in of_settings))
+        n_asked, n_settings = len(conditions), len(self.conditions)
+        elastic = np.flatnonzero(modes.undamped_omega > 2.0 * np.pi * _LOWEST)
+        condition = modes.condition[elastic]
+        n_modes = np.bincount(condition, minlength=n_asked * n_settings)
+        order = np.arange(elastic.size) - (np.cumsum(n_modes) - n_modes)[condition]
+        number = np.full((n_modes.size, int(np.max(n_modes)) + 1), -1)
+        number[condition, order] = elastic
+        predicted = np.full(number[:, :-1].shape, np.inf)
+        predicted[condition, order] = np.log(modes.undamped_omega[elastic] / (2.0 * np.pi))
+        missed = np.where((n_modes > 0) & self._single_order, np.inf, _MISSED)
+        place, measured = self._frequencies
+        misfits, mode = assign_modes(predicted, np.tile(measured, (n_asked, 1)), missed)
+        mode = np.take_along_axis(number, mode, axis=1)
+        for asked in range(n_asked):
+            here = slice(asked * n_settings, (asked + 1) * n_settings)
+            misfit, whose = np.empty(self.measured.size), np.empty(self.measured.size, dtype=np.intp)
+            there = np.isfinite(measured)
+            misfit[place[there]], whose[place[there]] = misfits[here][there], mode[here][there]
+            whose = whose[self.frequency_of]
+            if np.any(self.damping):
+                pole = modes.pole[whose]
+                ratio = np.where(whose < 0, 0.0, -pole.real / np.abs(pole))  # none of a mode that is missed
+                misfit = np.where(self.damping, ratio / self.measured - 1.0, misfit)
+            yield misfit, modes, whose
+
+    @cached_property
+    def _frequencies(self) -> tuple[Indices, FloatArray]:
+        """Return the values of each setting that are frequencies, and these; behind the last one inf."""
+        values = np.flatnonzero(~self.damping)
+        setting = self.layout.setting[values]
+        each = np.bincount(setting, minlength=len(self.conditions))
+        order = np.arange(values.size) - (np.cumsum(each) - each)[setting]
+        place, measured = (
+            np.zeros((each.size, int(np.max(each))), dtype=np.intp),
+            np.full((each.size, int(np.max(each))), np.inf),
+        )
+        place[setting, order], measured[setting, order] = values, self.measured[values]
+        return place, measured
+
+    def _modes(self, physics: AxisPhysics, conditions: tuple[DriveConditions, ...]) -> DriveModes:
         highest = _HIGHEST * float(np.exp(np.max(self.measured[~self.damping])))
         # without damping where none was measured: axes that differ in nothing else are then equal
         damped = physics if np.any(self.damping) else with_damping(physics, 0.0)
-        every = tuple(stated for of_settings in conditions for stated in of_settings)
-        modes = _modes(self.followed, damped, every, self.motor_end, highest)
-        elastic = modes.undamped_omega > 2.0 * np.pi * _LOWEST
-        misfits = np.empty((len(conditions), self.measured.size))
-        for number in range(len(every)):
-            asked, setting = divmod(number, len(self.conditions))
-            here = np.flatnonzero(self.layout.setting == setting)
-            chosen = (modes.condition == number) & elastic
-            misfits[asked, here] = self._misfit_of(here, modes.undamped_omega[chosen], modes.pole[chosen])
-        return misfits
-
-    def _misfit_of(self, here: Indices, omega: FloatArray, pole: ComplexArray) -> FloatArray:
-        """Return the misfit of the values of one setting, from its modes in order of frequency."""
-        damping, measured = self.damping[here], self.measured[here]
-        missed = math.inf if self._single_order and omega.size else _MISSED
-        misfit, mode = assign_modes(np.log(omega / (2.0 * np.pi)), measured[~damping], missed)
-        ratio = np.append(-pole.real / np.abs(pole), 0.0)[mode]  # none of a mode that is missed, which is −1
-        of_frequency = np.searchsorted(here[~damping], self.frequency_of[here[damping]])
-        return np.concatenate([misfit, ratio[of_frequency] / measured[damping] - 1.0])
+        return _modes(self.followed, damped, conditions, self.motor_end, highest)
 
 
 def compare_modes(

@@ -70,39 +70,39 @@ def modal_values(
     return sorted(values, key=lambda value: (value.setting, value.is_damping, value.observation))
 
 
-def assign_modes(predicted: FloatArray, measured: FloatArray, missed: float) -> tuple[FloatArray, Indices]:
+def assign_modes(predicted: FloatArray, measured: FloatArray, missed: FloatArray) -> tuple[FloatArray, Indices]:
     """Return predicted less measured values and which predicted value each measured one has, −1 for a missed one.
 
-    Both are rising logarithms of frequencies. The assignment has the smallest sum of differences. It is found by
-    dynamic programming over both in order: to skip a predicted value costs nothing, to miss a measured one costs
-    ``missed``.
+    Both are rising logarithms of frequencies, a row for each setting, (n_settings, n_predicted) and (n_settings,
+    n_measured); behind the last one of a setting inf. The assignment has the smallest sum of differences. It is found
+    by dynamic programming over both in order: to skip a predicted value costs nothing, to miss a measured one costs
+    ``missed``, (n_settings,).
     """
-    n, m = measured.size, predicted.size
-    of_model: list[float] = predicted.tolist()
-    before = [0.0] * (m + 1)  # cost without the measured value, by how many predicted ones are used up
-    came_from = [[0] * (m + 1)]  # 1: matched, 2: measured missed, 0: predicted skipped
-    for value in measured.tolist():
-        least, steps = [before[0] + missed], [2]
-        for j, frequency in enumerate(of_model):
-            choices = [(least[j], 0), (before[j] + abs(frequency - value), 1), (before[j + 1] + missed, 2)]
-            cost, step = min(choices)
-            least.append(cost)
-            steps.append(step)
+    n_settings, m = predicted.shape
+    rows = np.arange(n_settings)
+    before = np.zeros((m + 1, n_settings))  # cost without the measured value, by how many predicted ones are used up
+    came_from = []  # 1: matched, 2: measured missed, 0: predicted skipped
+    for value in measured.T:
+        absent = np.isinf(value)
+        miss = np.where(absent, 0.0, missed)
+        steps = np.full((m + 1, n_settings), 2)
+        least = before + miss
+        apart = np.where(absent | np.isinf(predicted.T), np.inf, np.abs(predicted.T - np.where(absent, 0.0, value)))
+        for j in range(m):
+            choices = np.stack([least[j], before[j] + apart[j], least[j + 1]])
+            steps[j + 1] = np.argmin(choices, axis=0)
+            least[j + 1] = choices[steps[j + 1], rows]
         before = least
         came_from.append(steps)
-    misfit, whose = np.empty(n), np.full(n, -1, dtype=np.intp)
-    i, j = n, m
-    while i:
-        step = came_from[i][j]
-        if step == 0:
-            j -= 1
-            continue
-        misfit[i - 1] = -missed
-        if step == 1:
-            j -= 1
-            misfit[i - 1], whose[i - 1] = predicted[j] - measured[i - 1], j
-        i -= 1
-    return misfit, whose
+    whose = np.full(measured.shape, -1, dtype=np.intp)
+    left = np.full(n_settings, m)
+    for i, steps in reversed(list(enumerate(came_from))):
+        left = np.maximum.accumulate(np.where(steps > 0, np.arange(m + 1)[:, None], 0), axis=0)[left, rows]
+        matched = steps[left, rows] == 1
+        left = left - matched
+        whose[matched, i] = left[matched]
+    of_mode = np.take_along_axis(np.pad(predicted, ((0, 0), (0, 1)), constant_values=np.nan), whose, axis=1)
+    return np.where(whose < 0, -missed[:, None], of_mode - measured), whose
 
 
 #: Of a coordinate, in decades. Slopes of ln f are off by 4e-10 of the largest over the four families, as much by

@@ -18,9 +18,10 @@ from monitor_core.models.extended.physics import (
     AxisSetting as AxisSetting,
     BodyPhysics as BodyPhysics,
     JointPhysics as JointPhysics,
+    Move as Move,
     ScrewBending as ScrewBending,
     ScrewPhysics as ScrewPhysics,
     moving_mass as moving_mass,
 )
 from monitor_core.models.extended.responses import responses as responses
-from monitor_core.models.extended.slopes import Move as Move, log_response_slopes as log_response_slopes
+from monitor_core.models.extended.slopes import log_response_slopes as log_response_slopes

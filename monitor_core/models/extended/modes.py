@@ -21,7 +21,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.closed_form import EntireParts, characteristic, entire_parts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.counting import count_below
-from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.physics import AxisPhysics, Move
 from monitor_core.models.extended.settings import axis_at
 from monitor_core.models.parameters import scaled_damping
 from monitor_core.models.poles import NumberedZeros, numbered_zeros, zeros_near
@@ -63,6 +63,11 @@ class Drives:
         with np.errstate(divide="ignore", invalid="ignore"):
             step = value.real * aside / value.imag
         return count_below(self.physics, omega, states, ends, parts), step
+
+    def slope(self, omega: FloatArray, condition: Index) -> FloatArray:
+        """Return Δ' of a drive without damping."""
+        aside = _ASIDE * omega
+        return np.asarray(np.imag(characteristic(self.parts(omega + 1j * aside, condition))) / aside)
 
 
 def follow_damping(drives_with: Callable[[float], Drives], omega: ComplexArray, condition: Index) -> ComplexArray:
@@ -229,6 +234,43 @@ def _modes_by_setting(
         np.concatenate([modes.undamped_omega for modes in parts]),
         np.concatenate([modes.pole for modes in parts]),
     )
+
+
+def omega_slopes(
+    modes: DriveModes,
+    conditions: Sequence[DriveConditions],
+    motor_ends: Sequence[MotorEnd],
+    physics: AxisPhysics,
+    moves: Sequence[Move[AxisPhysics]],
+) -> list[FloatArray | None]:
+    r"""Return the derivative of each undamped natural frequency of an axis by each move, shape (n_modes,).
+
+    .. math:: \frac{d\omega}{du} = -\frac{\partial\Delta/\partial u}{\partial\Delta/\partial\omega}
+
+    by difference quotients at the modes of the axis itself. None of a move that has no answer under the conditions, and
+    of all where the axis depends on them.
+    """
+    if physics.by_setting or any(move.ahead.by_setting or move.behind.by_setting for move in moves):
+        return [None] * len(moves)
+    states, ends = condition_arrays(conditions), end_masks(motor_ends)
+
+    def at_modes(axis: AxisPhysics) -> Drives:
+        undamped = with_damping(axis, 0.0)
+        return Drives(undamped, axis_states(undamped, states), ends)
+
+    def values(axis: AxisPhysics) -> FloatArray:
+        return np.real(characteristic(at_modes(axis).parts(modes.undamped_omega, modes.condition)))
+
+    here, per_omega = values(physics), at_modes(physics).slope(modes.undamped_omega, modes.condition)
+    slopes: list[FloatArray | None] = []
+    for move in moves:
+        try:
+            ahead, behind = (here if axis is physics else values(axis) for axis in (move.ahead, move.behind))
+        except OutsideValidityError:
+            slopes.append(None)
+        else:
+            slopes.append((behind - ahead) / (move.distance * per_omega))
+    return slopes
 
 
 def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:

@@ -7,6 +7,7 @@ its torsion gives. What none of them has stands in :class:`AddedPhysics` and is 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -224,6 +225,18 @@ class AxisPhysics:
         """Return the axis repeated for lines that belong to the conditions of this index: it is the same in all."""
         del index
         return self
+
+
+Physics = TypeVar("Physics")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Move(Generic[Physics]):
+    """The axes behind and ahead of another one on a way that it may go, and how far they are apart on it."""
+
+    behind: Physics
+    ahead: Physics
+    distance: float
 
 
 def moving_mass(axis: AxisPhysics) -> float:

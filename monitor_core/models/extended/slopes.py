@@ -11,7 +11,6 @@ through the amplitude of the motion, every line depends on all others, and there
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +19,7 @@ from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, logarithm
 from monitor_core.models.extended.closed_form import entire_parts, path_of
 from monitor_core.models.extended.conditions import ConditionArrays, axis_states
 from monitor_core.models.extended.lines import PreparedLines
-from monitor_core.models.extended.physics import AxisPhysics, AxisSetting
+from monitor_core.models.extended.physics import AxisPhysics, AxisSetting, Move
 from monitor_core.models.extended.responses import motions, observed, with_second_mode
 from monitor_core.models.extended.settings import (
     NUMBERS,
@@ -42,18 +41,6 @@ _OF_CHANNELS = np.array(
         for name in _NAMES
     ]
 )
-
-
-Physics = TypeVar("Physics")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Move(Generic[Physics]):
-    """The axes behind and ahead of another one on a way that it may go, and how far they are apart on it."""
-
-    behind: Physics
-    ahead: Physics
-    distance: float
 
 
 def log_response_slopes(
