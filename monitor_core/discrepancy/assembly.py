@@ -32,6 +32,7 @@ from monitor_core.discrepancy.localisation.localise import (
 from monitor_core.discrepancy.localisation.misfit_kind import signatures
 from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Found
+from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
 from monitor_core.discrepancy.verdict.next_steps import next_steps
 from monitor_core.discrepancy.verdict.outcome import Remainder
@@ -61,6 +62,7 @@ class Judged(Generic[Physics]):
     hidden: tuple[str, ...]  # keys of effects that hide in the remainder
     described: tuple[Described, ...]
     unfinished: Unfinished | None
+    axis: StoppableAxis[Physics]
 
 
 def explanation_of(
@@ -72,12 +74,14 @@ def explanation_of(
     scatter = HealthyScatter(scale.correlation, math.sqrt(max(scale.mean_square, 1.0)))
     return Explanation(
         outcome=outcome,
-        effects=tuple(_found_effect(group, final, scale, judged.wanders) for group in classes),
+        effects=tuple(_found_effect(group, final, scale, judged) for group in classes),
         localisation=_misfits(found.baseline, candidates, scatter),
         remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final)),
         steps=_steps(found, classes),
-        candidates=candidates_not_found(found, candidates, classes, time_was_up=judged.unfinished is not None),
+        candidates=candidates_not_found(
+            found, candidates, classes, axis=judged.axis, time_was_up=judged.unfinished is not None
+        ),
         pulls={name: math.sqrt(value) for name, value in judged.remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
         next_steps=next_steps(found, classes, outcome, candidates, sizes, described=judged.described),
@@ -104,12 +108,13 @@ def _values(final: Fitted[Physics]) -> dict[str, dict[str, float]]:
 
 
 def _found_effect(
-    group: EquivalenceClass[Physics], stated: Fitted[Physics], scale: EvidenceScale, wanders: Mapping[str, Wandering]
+    group: EquivalenceClass[Physics], stated: Fitted[Physics], scale: EvidenceScale, judged: Judged[Physics]
 ) -> FoundEffect:
     """Return the representative of a class with its parameters, as the augmented model states it."""
     member = group.representative
-    parameters = found_parameters(member, stated, scale)
-    wandering, unit = wanders.get(member.effect.key), None
+    equal = [other.fitted for of_other in judged.classes if of_other is not group for other in of_other.members]
+    parameters = found_parameters(member, stated, scale, equal)
+    wandering, unit = judged.wanders.get(member.effect.key), None
     if "ln_factor" in parameters:
         estimate = parameters["ln_factor"].estimate
         unit = recorded_unit(member.effect.name, estimate.value, estimate.standard_uncertainty)
@@ -199,11 +204,13 @@ def candidates_not_found(
     candidates: Sequence[Effect[Physics]],
     classes: Sequence[EquivalenceClass[Physics]],
     *,
+    axis: StoppableAxis[Physics],
     time_was_up: bool = False,
 ) -> tuple[Candidate, ...]:
     """Return which of the candidates are in no class of an accepted effect, best supported first.
 
-    Where ``time_was_up`` some of them were not screened for that.
+    Where ``time_was_up`` some of them were not screened for that. What rivals gain on held-out values takes fits of
+    their own, which are left out once time is up.
     """
     reported = {key for group in classes for key in (group.representative.effect.key, *group.aliases, *group.untested)}
     rivals = {
@@ -225,7 +232,8 @@ def candidates_not_found(
         if effect.key in rivals:
             rival, without, replaced = rivals[effect.key]
             evidence = rival.delta_bic  # in the place of what was accepted
-            held_out = gain(without.held_out, rival.fitted.held_out, found.evidence_scale)
+            with suppress(TimeIsUpError), axis.stoppable():
+                held_out = gain(without.held_out, rival.fitted.held_out, found.evidence_scale)
         elif result is not None and limit is not None:
             scale = found.evidence_scale
             evidence = scale.factor * result.decrease - scale.penalty(len(effect.parameters))

@@ -188,7 +188,7 @@ def _search(
             )
     except TimeIsUpError:
         steps, hidden, worst, follows, unfinished = (), [], None, None, _unfinished(workspace, doing)
-        found = judge_so_far(workspace)
+        found = judge_so_far(workspace, stoppable)
         classes, final = classes_with_fit(found, candidates)
         found = replace(found, final=final)
     return _Searched(steps, found, tuple(classes), tuple(hidden), worst, follows, unfinished, stoppable, workspace)
@@ -291,6 +291,7 @@ def _judge(searched: _Searched[Physics], settings: ExplainSettings, sizes: Machi
         hidden=tuple(hidden),
         described=() if description is None else (description.described,),
         unfinished=searched.unfinished,
+        axis=searched.axis,
     )
 
 

@@ -111,8 +111,8 @@ def run_demo(client: Client, sessions: Path) -> Demonstration:
         client.post(f"/v1/axes/{session}/calibrations/{own['id']}/activate", {"reason": "demo"})
         counts += replay_bundled(client, sessions, session, description)
         step.ended(f"replayed {session}")
-        if _wait_for_causes(client, session):
-            step.ended("found the cause of its alarm")
+        if (ended := _wait_for_causes(client, session)) is not None:
+            step.ended(ended)
         points = client.get(f"/v1/axes/{session}/trend", TrendOut, limit=10_000).points
         raised = client.get("/v1/alarms", AlarmsOut, axis=session, limit=200).alarms
         state = client.get(f"/v1/axes/{session}", AxisOut).state
@@ -150,15 +150,19 @@ class _Step:
         self._began = at
 
 
-def _wait_for_causes(client: Client, axis: str) -> bool:
-    """Wait until the causes of the alarms of an axis are found; tell whether there were any to find."""
+def _wait_for_causes(client: Client, axis: str) -> str | None:
+    """Wait until the causes of the alarms of an axis are found; say what came of it. None where none is sought."""
     until = time.monotonic() + LONGEST_WAIT_S
-    while time.monotonic() < until:
+    while True:
         jobs = client.get("/v1/jobs", JobsOut, axis=axis).jobs
+        if not jobs:
+            return None
         if all(job.status not in ("queued", "running") for job in jobs):
-            return bool(jobs)
+            found = jobs[0].status == "done"  # the newest knows most
+            return "found the cause of its alarm" if found else "did not find the cause of its alarm"
+        if time.monotonic() >= until:
+            return "still looks for the cause of its alarm, which is not waited for any longer"
         time.sleep(0.2)
-    return True
 
 
 def _document(demonstration: Demonstration) -> JsonObject:

@@ -28,12 +28,14 @@ from service.report.rounding import (
     TIMES,
     UNKNOWN,
     between,
+    bound,
     evidence,
     notation,
     probability,
     quantity,
     ratio_interval,
     ratio_with_uncertainty,
+    ratio_words,
     rounded,
     unit_shown,
     with_uncertainty,
@@ -169,13 +171,16 @@ def _parameter_row(key: str, name: str, size: FoundParameter) -> Row:
     plausible = Cell("yes" if size.plausible else "NO")
     if key.startswith(PREFIX):  # known by the logarithm of the ratio to what is stated
         parameter = key.removeprefix(PREFIX)
-        shown = Cell(ratio_with_uncertainty(value, uncertainty), value)
+        at_bound = bound(*size.interval_95, ratio_words)
+        shown = Cell(at_bound or ratio_with_uncertainty(value, uncertainty), value)
         return (
             Cell(parameter_words(parameter), key=parameter),
             shown,
-            Cell(ratio_interval(*size.interval_95)),
+            Cell(at_bound or ratio_interval(*size.interval_95)),
             plausible,
         )
+    if at_bound := bound(*size.interval_95, lambda end: rounded(end) + unit):
+        return Cell(parameter_words(name), key=name), Cell(at_bound, value), Cell(at_bound), plausible
     return (
         Cell(parameter_words(name), key=name),
         Cell(with_uncertainty(value, uncertainty) + unit, value),

@@ -1,6 +1,7 @@
 """Write numbers and ratios as a person reads them: as many digits as their uncertainty warrants."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -79,6 +80,15 @@ def between(lower: float, upper: float, chosen: Notation) -> str:
     """Show an interval."""
     both = f"{chosen.mantissa(lower)} to {chosen.mantissa(upper)}"
     return f"({both}){chosen.power}" if chosen.power else both
+
+
+def bound(lower: float, upper: float, shown: Callable[[float], str]) -> str:
+    """Say an interval without an end: "at least 16 times as much"; empty where it has both ends."""
+    if math.isfinite(lower) == math.isfinite(upper):
+        return ""
+    words = shown(lower if math.isinf(upper) else upper)
+    at_least = math.isinf(upper) != (" less" in words)  # more of "less" is less
+    return f"at {'least' if at_least else 'most'} {words}"
 
 
 def unit_shown(unit: str) -> str:

@@ -15,7 +15,7 @@ from service.documents.explanation_sentences import (
     texts,
     unfinished_sentence,
 )
-from service.report.rounding import compared_with_stated, rounded, unit_shown
+from service.report.rounding import bound, compared_with_stated, rounded, unit_shown
 
 _HELD = " on data that were not used to choose it"
 _NOT_HELD = " on the data it was chosen by"
@@ -122,7 +122,8 @@ def _is_wrong(effect: FoundEffect) -> bool:
 def _of_parameter(effect: FoundEffect, verb: str) -> str:
     """Say how far a parameter is from what is stated."""
     (size,) = effect.parameters.values()
-    words = f"{parameter_words(effect.key.removeprefix(PREFIX))}{verb}{compared_with_stated(size.estimate.value)}"
+    ratio = bound(*size.interval_95, compared_with_stated) or compared_with_stated(size.estimate.value)
+    words = f"{parameter_words(effect.key.removeprefix(PREFIX))}{verb}{ratio}"
     return words if effect.plausible else f"{words} (a stand-in: that is not plausible)"
 
 
@@ -331,7 +332,8 @@ def _law(described: Described, law: Law, factor: float, unit: str) -> str:
 
     def shown(name: str) -> str:
         value, (low, high) = values[name].estimate.value, values[name].interval_95
-        return f"({rounded(value, 2)}; 95 %: {rounded(low, 2)} to {rounded(high, 2)})"
+        at_bound = bound(low, high, lambda end: rounded(end, 2))
+        return f"({at_bound or f'{rounded(value, 2)}; 95 %: {rounded(low, 2)} to {rounded(high, 2)}'})"
 
     u = f"u = (x − {reference})/{scale}"
     match law.form:

@@ -1,5 +1,6 @@
 """Effects that the data cannot tell apart, and intervals of found effects that hold what they promise."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -211,8 +212,18 @@ def test_interval_ends_where_no_axis_can_be() -> None:
     member = classed(narrow).representative
     (found,) = found_parameters(member, member.fitted, BY).values()
     assert found.estimate.value == pytest.approx(1.9, abs=1e-3)  # the data would have a little more
-    assert found.interval_95[1] > 1.9  # a choice: the axis may well be beyond
+    # the axis may well be beyond: the value is a bound, and has no uncertainty of its own
+    assert found.interval_95[1] == math.inf
+    assert 1.0 < found.interval_95[0] < 1.9
+    assert found.estimate.standard_uncertainty == math.inf
     assert found.at_end
+    (beside,) = found_parameters(classed(effect).representative, classed(effect).representative.fitted, BY).values()
+    (covering,) = found_parameters(
+        classed(effect).representative, classed(effect).representative.fitted, BY, [member.fitted]
+    ).values()
+    # of fits that the data do not tell apart, each has its value within
+    assert covering.interval_95[1] == beside.interval_95[1]
+    assert covering.interval_95[0] == pytest.approx(beside.interval_95[0] - beside.estimate.value + 1.9, abs=1e-3)
     known = replace(narrow, textbook={"size": 1.9})  # what is as the textbook has it stands where it should
     (plain,) = found_parameters(classed(known).representative, classed(known).representative.fitted, BY).values()
     assert not plain.at_end

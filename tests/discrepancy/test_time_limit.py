@@ -10,7 +10,7 @@ from service.documents.explanation import explanation_document
 from service.documents.explanation_sentences import KEYS, unfinished_sentence
 from service.report.content import report_content
 from tests.discrepancy.axes import LinearAxis, quantity
-from tests.discrepancy.test_explanation import linear
+from tests.discrepancy.test_explanation import N, linear
 
 TRUTH = np.array([0.0, 8.0, 4.0, 0.0])
 
@@ -67,3 +67,35 @@ def test_an_axis_is_left_once_and_answers_again() -> None:
         axis.physics({})
     np.testing.assert_array_equal(axis.physics({}), LinearAxis({"a": 0.1}, 1).physics({}))
     assert axis.uncertain == {"a": 0.1}
+
+
+class CountedAxis(LinearAxis):
+    """An axis that counts what it was asked."""
+
+    n_answers = 0
+
+    def physics(self, ln_ratios):
+        CountedAxis.n_answers += 1
+        return super().physics(ln_ratios)
+
+
+def test_hardly_anything_is_computed_after_the_limit_wherever_it_comes() -> None:
+    """Eight effects that are not told apart, four folds: what each would do on held-out values takes answers, too."""
+    rng = np.random.default_rng(4)
+    alike = rng.standard_normal((N, 1)) + 0.02 * rng.standard_normal((N, 8))
+    columns = np.concatenate([rng.standard_normal((N, 1)), alike], axis=1)
+    folds = tuple(np.arange(N) % 4 == fold for fold in range(4))
+    comparison = linear(np.array([0.0, 3.0, *[0.0] * 7]), columns=columns, held_out=folds)
+    candidates = [quantity(number) for number in range(1, 9)]
+
+    def n_answers_within(limit: float) -> int:
+        began = CountedAxis.n_answers
+        explain_comparison(
+            comparison, CountedAxis({}, 9), candidates, time_is_up=lambda: CountedAxis.n_answers - began >= limit
+        )
+        return CountedAxis.n_answers - began
+
+    without_limit = n_answers_within(np.inf)
+    assert without_limit > 500
+    late = {limit: n_answers_within(limit) - limit for limit in range(20, without_limit, 19)}
+    assert max(late.values()) <= n_answers_within(0), late  # what the model leaves as it stands is found in any case

@@ -39,10 +39,12 @@ from monitor_core.fitting.comparison import Panel
 from monitor_core.uncertainty import Estimate
 from service.documents.explanation import explanation_document
 from service.documents.explanation_sentences import KEYS, NAMES, place_sentence, quoted_name, row_label, step_sentence
+from service.documents.measurement import finite_or_null
+from service.report.content import report_content
 from service.report.explanation_files import write_report
 from service.report.markdown import explanation_markdown
 from service.report.page import explanation_page
-from service.report.rounding import compared_with_stated, ratio_with_uncertainty
+from service.report.rounding import bound, compared_with_stated, ratio_with_uncertainty, ratio_words
 from service.report.svg import element
 from service.report.verdict import asides, headline
 from tests.conftest import canary
@@ -374,6 +376,41 @@ def test_document_says_what_the_record_says() -> None:
     assert document["steps"][0] == {"effect": "far-bearing-stiffness", "gap_held_out": 8.1, "gap_fit": 7.27}
     assert document["localisation"][0]["kind"] == "stiffness"
     assert document["model"] == MODEL
+
+
+@pytest.mark.parametrize(
+    ("interval", "words"),
+    [
+        ((math.log(16.0), math.inf), "at least 16 times as much"),
+        ((-math.inf, math.log(0.05)), "at most 0.050 times as much"),
+        ((-math.inf, math.log(0.88)), "at least 12 % less"),
+        ((math.log(0.88), math.inf), "at most 12 % less"),
+        ((-math.inf, math.log(1.1)), "at most 10 % more"),
+        ((math.log(0.9), math.log(1.1)), ""),
+    ],
+)
+def test_a_value_at_an_end_is_said_to_be_a_bound(interval, words) -> None:
+    assert bound(*interval, ratio_words) == words
+
+
+def test_a_bound_is_told_alike_on_the_page_in_the_sentence_and_in_the_document() -> None:
+    size = FoundParameter(Estimate(3.0, math.inf), "-", (2.8, math.inf), plausible=False, at_end=True)
+    example = EXAMPLES[Outcome.PARTIAL]
+    wrong = replace(
+        example.effects[0],
+        key="wrong-parameter:bracket_stiffness_n_per_m",
+        parameters={"ln_ratio": size},
+        equivalent_to=(),
+    )
+    explanation = replace(example, effects=(wrong,), described=())
+    (row,) = report_content(explanation).effects[0].parameters
+    assert [cell.text for cell in row[1:3]] == ["at least 16 times as much"] * 2
+    assert "bracket stiffness is at least 16 times what is stated" in report_content(explanation).headline
+    stated = explanation_document(explanation, MODEL)["effects"][0]["parameters"]["ln_ratio"]
+    assert finite_or_null(stated) == {
+        "value": 3.0, "standard_uncertainty": None, "unit": "-", "interval_95": [2.8, None], "plausible": False,
+        "at_end": True,
+    }  # fmt: skip
 
 
 def test_what_is_not_known_is_null() -> None:

@@ -6,7 +6,9 @@
 3. Effects that the data cannot distinguish from an accepted effect are kept with it (``alternatives``).
 """
 
+import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from monitor_core.discrepancy.search.alternatives import judge_effect
@@ -15,6 +17,7 @@ from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.stepwise import add_stepwise, findings, holds, prune
 from monitor_core.discrepancy.search.textbook import add_textbook_physics
+from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.unseen import unseen_in_place
 from monitor_core.discrepancy.search.workspace import Workspace, may_lack_more
 from monitor_core.effects.effect import Effect, Physics
@@ -112,15 +115,20 @@ def judge_found(
     )
 
 
-def judge_so_far(workspace: Workspace[Physics]) -> Found[Physics]:
-    """Judge where a search stands that was left: without fits of its own, and without what else would do."""
+def judge_so_far(workspace: Workspace[Physics], axis: StoppableAxis[Physics]) -> Found[Physics]:
+    """Judge where a search stands that was left: without fits of its own, and without what else would do.
+
+    What an effect gains on held-out values is not a number where that is not known yet.
+    """
     baseline, final = workspace.so_far[0], workspace.so_far[-1]
     scale, known = evidence_scale(final), (*workspace.so_far, *workspace.best_fits.values())
     accepted = []
     for effect in findings(final):
         others = [fitted for fitted in known if fitted.hypothesis.keys <= final.hypothesis.keys - {effect.key}]
         without = min(others, key=lambda fitted: fitted.cost)
-        held_out_gain = gain(without.held_out, final.held_out, scale)
+        held_out_gain = math.nan
+        with suppress(TimeIsUpError), axis.stoppable():
+            held_out_gain = gain(without.held_out, final.held_out, scale)
         accepted.append(Accepted(effect, delta_bic(without, final, scale), held_out_gain, (), without))
     return Found(
         baseline=baseline,

@@ -22,7 +22,7 @@ from monitor_core.fitting.comparison import Layout
 from monitor_core.fitting.conditions.groups import has_lines, levels_of, modes_that_stay
 from monitor_core.fitting.evidence import STRONG, VERY_STRONG, EvidenceScale, covariance, least_difference
 from monitor_core.fitting.hold_out import judged_gap
-from monitor_core.fitting.hypothesis import is_size
+from monitor_core.fitting.hypothesis import is_size, searched_range
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.uncertainty import Estimate
 
@@ -352,24 +352,26 @@ def _is_plausible(fitted: Fitted[Physics], index: int, scale: EvidenceScale) -> 
 
 
 def _at_an_end(effect: Effect[Physics], parameter: EffectParameter, value: float) -> bool:
-    """Return whether a parameter not sought beyond its range stands at an end of it; at a textbook value it may."""
-    known = effect.textbook is not None and abs(value - effect.textbook[parameter.name]) < _AT_THE_END
-    if (parameter.beyond and parameter is effect.parameters[0]) or known:
+    """Return whether a parameter stands at an end of where it is sought; at a textbook value it may."""
+    if effect.textbook is not None and abs(value - effect.textbook[parameter.name]) < _AT_THE_END:
         return False
-    room = min(value - parameter.lower, parameter.upper - value) / (parameter.upper - parameter.lower)
-    return 0.0 <= room < _AT_THE_END
+    lower, upper = searched_range(effect, parameter)
+    return 0.0 <= min(value - lower, upper - value) / (upper - lower) < _AT_THE_END
 
 
 def found_parameters(
-    member: Member[Physics], stated: Fitted[Physics], scale: EvidenceScale
+    member: Member[Physics], stated: Fitted[Physics], scale: EvidenceScale, equal: Sequence[Fitted[Physics]] = ()
 ) -> dict[str, FoundParameter]:
     """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals.
 
     ``stated`` is the fit with it and with all else that was found, as the augmented model has it: at the mode of the
-    posterior. An interval ends at 0 where a parameter cannot have the other sign. Beside the scatter of the data stands
-    what the formula of the effect leaves out, of a size.
+    posterior. Beside the scatter of the data stands what the formula of the effect leaves out, of a size. What fits
+    that the data cannot tell from it, ``equal`` ones, have for the same parameter lies in the interval, too. An
+    interval ends at 0 where a parameter cannot have the other sign; it has no end, and the value no uncertainty, where
+    the search was stopped by an end of its range: the value is a bound.
     """
     values = stated.hypothesis.values(stated.coordinates)[member.effect.key]
+    others = [fitted.hypothesis.values(fitted.coordinates).get(member.effect.key, {}) for fitted in equal]
     variances = np.diag(covariance(stated, scale))
     parameters = {}
     for index, (effect, parameter) in enumerate(stated.hypothesis.unknowns):
@@ -379,11 +381,15 @@ def found_parameters(
         scatter = math.sqrt(max(float(variances[coordinate]), 0.0))
         form = effect.form_share * abs(value) if is_size(parameter) else 0.0
         deviation = math.hypot(parameter.scale * scatter, form)
-        lower, upper = (
-            end if end == 0.0 else side * math.inf for side, end in ((-1, parameter.lower), (1, parameter.upper))
+        alike = [value, *(other[parameter.name] for other in others if parameter.name in other)]
+        low, high = min(alike) - 1.959964 * deviation, max(alike) + 1.959964 * deviation
+        if at_end := _at_an_end(effect, parameter, value):
+            deviation, lowest, highest = math.inf, *searched_range(effect, parameter)
+            low, high = (low, math.inf) if highest - value < value - lowest else (-math.inf, high)
+        interval = (
+            max(low, 0.0) if parameter.lower == 0.0 else low,
+            min(high, 0.0) if parameter.upper == 0.0 else high,
         )
-        interval = (max(lower, value - 1.959964 * deviation), min(upper, value + 1.959964 * deviation))
-        at_end = _at_an_end(effect, parameter, value)
         plausible = _is_plausible(stated, index, scale)
         parameters[parameter.name] = FoundParameter(
             Estimate(value, deviation), parameter.unit, interval, plausible, at_end
