@@ -298,12 +298,16 @@ def test_a_set_point_is_proposed_as_a_reference_and_what_the_controller_makes_of
     inside = {"iq [A]": CURRENT, "iq_cmd [A]": CURRENT, "pos_error [um]": TABLE, "scale [um]": TABLE}
     unknown = "what the control loop does to the frequency stays unknown without a set-point beside them"
     assert unknown in proposal_of(**inside)
-    text = proposal_of(**inside, **{"n_set [rpm]": ANGLE, "pos_set [mm]": TABLE})
+    told = inside | {"n_set [rpm]": ANGLE, "pos_set [mm]": TABLE}
+    text = proposal_of(**told)
     assert unknown not in text
     assert "'pos_set [mm]' as [reference] takes off what the control loop does to it" in text
-    assert "reference" not in tomllib.loads(text)  # to be confirmed
-    offered = re.sub(r"^# (\[reference\].*|.*optional: (?:planned|of any).*)$", r"\1", text, flags=re.MULTILINE)
-    assert tomllib.loads(offered)["reference"] == {"channel": "pos_set [mm]", "unit": "mm"}
+    tables = map_fields(proposed_map(Channels("log.csv", tuple(Channel(*channel) for channel in told.items()))))
+    values = {field.key: field.value for table in tables for field in table.fields}
+    examples = {field.key: field.example for table in tables for field in table.fields if table.name == "reference"}
+    assert "reference" not in tomllib.loads(filled_map(tables, values))  # to be confirmed
+    filled_in = tomllib.loads(filled_map(tables, values | examples))
+    assert filled_in["reference"] == {"channel": "pos_set [mm]", "unit": "mm"}
 
 
 def test_a_motor_beside_the_scale_is_a_table_of_the_form_that_may_be_left_out_or_filled_in():
