@@ -247,10 +247,11 @@ def stands_out(lines: FitLines, solution: Solution, mode: int) -> tuple[float, f
 
     .. math:: N \ln \frac{\sum |R_{-i}|^2}{\sum |R|^2}
 
-    with N real data, and the residual :math:`R_{-i}` of a response without the pole but of as many terms, under the
-    same noise and with the same terms of the windows. Noise has peaks, too, those of a scale the higher the frequency,
-    and of few windows some are coherent by chance; a smooth response explains them as well as a mode does. Chance: a
-    :math:`\chi^2` of frequency and damping, sought on all lines.
+    with N real data, and the residual :math:`R_{-i}` without the pole, of as many terms of the response and of the
+    windows, under the same noise. Noise has peaks, too, those of a scale the higher the frequency, and of few windows
+    some are coherent by chance; a smooth response explains them nearly as well as a mode does. Chance: a
+    :math:`\chi^2` of frequency, damping and the peak in the response and in each window, sought on all lines. What the
+    windows ring counts, for of a hammer's hit that is all there is.
     """
     order, kept = solution.order, np.arange(solution.parameters.size) // 2 != mode
     without = replace(
@@ -259,10 +260,10 @@ def stands_out(lines: FitLines, solution: Solution, mode: int) -> tuple[float, f
         response_modes=order.response_modes or order.n_modes,
         transient_modes=order.transient_modes or order.n_modes,
     )
-    own = basis_of(lines, solution.parameters, order)
-    cost = forced_cost(lines, solution.parameters[kept], without, own)
+    cost = cost_at(lines, solution.parameters[kept], without)
     gain = 2 * lines.response.size * math.log(cost / solution.projection.cost)
-    return gain, float(scipy.special.chdtri(2, _FALSE_ALARM_PROBABILITY / lines.frequency.size))
+    n_chances = 2 + 2 * (lines.n_windows + 1)
+    return gain, float(scipy.special.chdtri(n_chances, _FALSE_ALARM_PROBABILITY / lines.frequency.size))
 
 
 def _richer_model(white: FitLines, one_mode: Solution) -> Solution | None:
