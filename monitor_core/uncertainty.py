@@ -41,6 +41,41 @@ class Interval:
         return self.lower <= value <= self.upper
 
 
+def decimals_of(uncertainty: float) -> int:
+    """Return the decimals that show two significant digits of an uncertainty (GUM, 7.2.6); below 0: tens, hundreds.
+
+    Examples
+    --------
+    >>> decimals_of(0.0996), decimals_of(13.2), decimals_of(1340.0)
+    (2, 0, -2)
+    """
+    return 1 - int(f"{uncertainty:.1e}".partition("e")[2])
+
+
+def plus_minus(value: float, uncertainty: float) -> str:
+    """Write a value with its uncertainty, of whichever level: two significant digits of that (GUM, 7.2.6).
+
+    Where the uncertainty is 0 or not known the value stands alone, with three digits.
+
+    Examples
+    --------
+    >>> plus_minus(204.04, 1.42), plus_minus(200.4, 13.3), plus_minus(-1234.0, 160.0)
+    ('204.0 ± 1.4', '200 ± 13', '-1230 ± 160')
+    """
+    if not (math.isfinite(uncertainty) and uncertainty > 0.0 and math.isfinite(value)):
+        return f"{value:.3g}"
+    decimals = decimals_of(uncertainty)
+    if decimals > _MOST_DECIMALS:
+        digits = max(decimals + math.floor(math.log10(abs(value))), 0) if value else 0
+        return f"{value:.{digits}e} ± {uncertainty:.1e}"
+    value, uncertainty = (round(number, decimals) + 0.0 for number in (value, uncertainty))  # no minus before a zero
+    return f"{value:.{max(decimals, 0)}f} ± {uncertainty:.{max(decimals, 0)}f}"
+
+
+#: More than these are written with a power of ten.
+_MOST_DECIMALS = 6
+
+
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """A value with its standard uncertainty and the degrees of freedom behind it."""

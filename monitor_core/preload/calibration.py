@@ -26,7 +26,7 @@ from monitor_core.preload.feature import (
 )
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, WitnessValues
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, ResponseQuantity
-from monitor_core.uncertainty import Estimate, VectorEstimate
+from monitor_core.uncertainty import Estimate, VectorEstimate, plus_minus
 
 #: Order of the parameter vector; the last two only where they are known.
 COEFFICIENT_NAMES = ("k1", "k2", "k3", "k4")
@@ -241,7 +241,8 @@ def refuse_blind_mode(fitted: VectorEstimate) -> None:
     if k3 <= scipy.special.stdtrit(fitted.degrees_of_freedom, 0.975) * uncertainty:
         raise NotIdentifiableError(
             "the frequency does not rise measurably with the preload: k3 must be positive beyond its 95 % uncertainty; "
-            f"got {k3:.3g} ± {uncertainty:.2g} s²·N^(1/3). Spread the preloads further, or choose another mode"
+            f"got ({plus_minus(float(k3), float(uncertainty))}) s²·N^(1/3). Spread the preloads further, or choose "
+            "another mode"
         )
 
 

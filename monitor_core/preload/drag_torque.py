@@ -15,7 +15,7 @@ import scipy
 
 from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason, Window
-from monitor_core.uncertainty import Estimate
+from monitor_core.uncertainty import Estimate, plus_minus
 
 #: Span over which the position is differentiated [s]: short against a ramp of 30 ms, long against encoder steps.
 _VELOCITY_SPAN = 0.005
@@ -89,8 +89,8 @@ def estimate_friction(windows: Sequence[Window], trace_polarity: int | None = No
     if torque.value < _KNOWN * torque.standard_uncertainty:
         return Rejection(
             RejectionReason.LITTLE_EXCITATION,
-            f"friction torque must exceed {_KNOWN:g} of its standard uncertainties; got {torque.value:.2g} N·m ± "
-            f"{torque.standard_uncertainty:.2g} N·m",
+            f"friction torque must exceed {_KNOWN:g} of its standard uncertainties; got "
+            f"({plus_minus(torque.value, torque.standard_uncertainty)}) N·m",
         )
     if isinstance(drag, DragTorque):
         drag = replace(drag, drag=replace(drag.drag, value=polarity * drag.drag.value))

@@ -45,10 +45,9 @@ from monitor_core.trend.joint import (
 )
 from monitor_core.trend.lasting_loss import Said as Said
 from monitor_core.trend.line import (
-    FEWEST_READINGS as FEWEST_READINGS,
-    Projection as Projection,
+    PresentTrend as PresentTrend,
     TrendLine as TrendLine,
-    project as project,
+    present_trend as present_trend,
     trend_line as trend_line,
 )
 from monitor_core.trend.observation import Observation as Observation, Session as Session

@@ -1,11 +1,11 @@
-"""Draw a line through the trend, and project it: how much is lost a year, and where the next readings would lie.
+"""Draw a line through the trend since its last change: how much is lost a year, where the next session would lie.
 
 The charts find changes soon; the line shows what goes on for years, however slow, and nothing is learnt away in it.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import pairwise
 
@@ -13,7 +13,6 @@ import numpy as np
 import scipy
 
 from monitor_core.arrays import FloatArray
-from monitor_core.errors import NotIdentifiableError
 from monitor_core.trend.belief import DAY, FRICTION_SHARE, KELVIN, STRUCTURES, YEAR, Prior, Structure, change_in_a_day
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
@@ -24,6 +23,16 @@ FEWEST, SHORTEST = 10, 7 * DAY
 MOST = 400
 #: Standard deviation, in units of the scatter, of what nothing is known about.
 _OPEN = 1e4
+#: Standard deviation of a step, and of what a change of slope brings over all the time, in units of the scatter of all
+#: sessions, the change included.
+_CHANGE = 3.0
+#: A change somewhere is evident by so much evidence beyond that of none: a factor of twenty.
+EVIDENT = math.log(20.0)
+#: Sessions beside a change at least, and places at which it is looked for first.
+_LEAST_BESIDE, _PLACES = 3, 40
+#: Places around the best that it may be at: so many sessions to each side at least, and so many that are not far less
+#: probable join the uncertainty of the line.
+_AROUND, _MOST_PLACES, _LEAST_SHARE = 8, 8, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +44,66 @@ class TrendLine:
     at_end: Estimate  # value on the line at the last session, in the unit of the observations
     slope: Estimate  # a year
     n_sessions: int
+    scatter: float  # of a session about the line, in the unit of the observations
+    together: float  # covariance of value at the end and slope
+
+    def ahead(self, years: float) -> Estimate:
+        """Return one more session so long after the last, if the line goes on; season and covariates as at the end."""
+        variance = self.at_end.standard_uncertainty**2 + (years * self.slope.standard_uncertainty) ** 2
+        variance += 2.0 * years * self.together + self.scatter**2
+        value = self.at_end.value + years * self.slope.value
+        return Estimate(value, math.sqrt(max(variance, 0.0)), self.slope.degrees_of_freedom)
+
+
+@dataclass(frozen=True, slots=True)
+class PresentTrend:
+    """How the sessions go at present: since when, and the line since then."""
+
+    changed_at: datetime | None  # first session since the last change of level or slope; None: no change is evident
+    n_since: int  # sessions since then
+    line: TrendLine | None  # through these; None: they are too few, or of too short a time
+
+
+def present_trend(sessions: Sequence[Session], prior: Prior | None = None, *, alarmed: bool = False) -> PresentTrend:
+    r"""Find the last change of level or slope, and fit the line since then.
+
+    A mean since some onset is no rate where there was a step, or where the onset is dated late. Of the models
+
+    .. math:: y = \alpha + \beta t + x^\mathsf{T}\gamma + \delta\,H(t - \tau) + \eta\,(t - \tau)_+ + e
+
+    with τ at each session in turn, and the one without a change, the marginal likelihoods are compared, averaged over
+    the structures of :func:`trend_line`: what a dependence from day to day or the season may explain is no change. The
+    same is asked of what follows the change, until nothing more is found. Where an alarm stands (``alarmed``) that
+    there is a change is known, and only its place is asked for.
+    """
+    chosen, prior = sessions[-MOST:], prior or Prior()
+    first, places = 0, {0: 1.0}
+    while (found := _last_change(chosen[first:], prior, known=alarmed and not first)) is not None:
+        places = {first + place: share for place, share in found.items()}
+        first = max(places, key=lambda place: places[place])
+    changed_at = chosen[first].started_at if first else None
+    lines = [(share, trend_line(chosen[place:], prior)) for place, share in places.items()]
+    drawn = [(share, line) for share, line in lines if line is not None]
+    of_best = trend_line(chosen[first:], prior)
+    return PresentTrend(changed_at, len(chosen) - first, None if of_best is None else _joined(of_best, drawn))
+
+
+def _joined(best: TrendLine, drawn: Sequence[tuple[float, TrendLine]]) -> TrendLine:
+    """Return the line of the best place of a change, with what the place leaves open: moments of the mixture."""
+    share = np.array([share for share, _ in drawn])
+    share /= share.sum()
+    means = np.array([[line.at_end.value, line.slope.value] for _, line in drawn])
+    covariances = np.array([
+        [[line.at_end.standard_uncertainty**2, line.together], [line.together, line.slope.standard_uncertainty**2]]
+        for _, line in drawn
+    ])  # fmt: skip
+    mean = share @ means
+    off = means - mean
+    covariance = np.einsum("i,ijk->jk", share, covariances + off[:, :, np.newaxis] * off[:, np.newaxis, :])
+    at_end, slope = (
+        Estimate(float(mean[i]), math.sqrt(covariance[i, i]), best.slope.degrees_of_freedom) for i in range(2)
+    )
+    return replace(best, at_end=at_end, slope=slope, together=float(covariance[0, 1]))
 
 
 def trend_line(sessions: Sequence[Session], prior: Prior | None = None) -> TrendLine | None:
@@ -50,62 +119,140 @@ def trend_line(sessions: Sequence[Session], prior: Prior | None = None) -> Trend
     if len(chosen) < FEWEST or chosen[-1].started_at - chosen[0].started_at < SHORTEST:
         return None
     prior = prior or Prior()
-    first, last = chosen[0].started_at, chosen[-1].started_at
-    days = np.array([(session.started_at - last) / DAY for session in chosen])
-    values = np.array([session.value for session in chosen])
-    if np.ptp(values) == 0.0:
+    asked = _Asked.of(chosen, prior)
+    if asked is None:
         return None
-    zero, unit = float(values.mean()), float(values.std())
-    angle = 2.0 * math.pi * days * (DAY / YEAR)
-    design = np.column_stack([
-        np.ones(days.size), days * (DAY / YEAR), 1.0 - np.cos(angle), np.sin(angle), _changes(chosen),
-        _covariate([session.temperature for session in chosen], KELVIN),
-        _covariate([session.friction_torque for session in chosen], None),
-    ])  # fmt: skip
-    precision = np.array([_OPEN, _OPEN, *prior.deviations]) ** -2.0
-    lent = design[:, 2:] @ np.array(prior.coefficients)
-    fits = [_fit((values - zero - lent) / unit, design, precision, days, structure) for structure in STRUCTURES]
+    fits = [asked.fit(structure) for structure in STRUCTURES]
     weight = np.array(prior.weights)
     evidence = np.array([fit.log_evidence for fit in fits])
     weight = weight * np.exp(evidence - evidence.max())
     weight /= weight.sum()
-
-    def averaged(coefficient: int) -> Estimate:
-        means = np.array([fit.mean[coefficient] for fit in fits])
-        variances = np.array([fit.variance[coefficient] for fit in fits])
-        mean = float(weight @ means)
-        variance = float(weight @ (variances + (means - mean) ** 2))
-        offset = zero if coefficient == 0 else 0.0
-        return Estimate(offset + unit * mean, unit * math.sqrt(variance), float(days.size - 2))
-
-    return TrendLine(first, last, averaged(0), averaged(1), len(chosen))
+    means, covariances = np.array([fit.mean for fit in fits]), np.array([fit.covariance for fit in fits])
+    mean = weight @ means
+    off = means - mean
+    covariance = np.einsum("i,ijk->jk", weight, covariances + off[:, :, np.newaxis] * off[:, np.newaxis, :])
+    unit, dof = asked.unit, float(len(chosen) - 2)
+    scatter = unit * math.sqrt(float(weight @ [fit.variance for fit in fits]))
+    at_end = Estimate(asked.zero + unit * float(mean[0]), unit * math.sqrt(covariance[0, 0]), dof)
+    slope = Estimate(unit * float(mean[1]), unit * math.sqrt(covariance[1, 1]), dof)
+    first, last = chosen[0].started_at, chosen[-1].started_at
+    return TrendLine(first, last, at_end, slope, len(chosen), scatter, unit**2 * float(covariance[0, 1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
     mean: FloatArray
-    variance: FloatArray
+    covariance: FloatArray
+    variance: float  # of a session about the line
     log_evidence: float
 
 
-def _fit(
-    values: FloatArray, design: FloatArray, prior_precision: FloatArray, days: FloatArray, structure: Structure
-) -> _Fit:
-    """Return the posterior of a structure, in the normal–inverse-gamma family with nothing known of σ²."""
-    apart = np.abs(days[:, None] - days[None, :])
-    covariance = structure.share * structure.correlation**apart
-    covariance[np.diag_indices(days.size)] = 1.0
-    factor = scipy.linalg.cholesky(covariance, lower=True)
-    white = scipy.linalg.solve_triangular(factor, np.column_stack([values, design]), lower=True)
-    y, x = white[:, 0], white[:, 1:]
-    precision = x.T @ x + np.diag(prior_precision)
-    inverse = scipy.linalg.inv(precision)
-    mean = inverse @ (x.T @ y)
-    squares = float(y @ y - mean @ precision @ mean)
-    half = 0.5 * (values.size - 2)
-    log_determinants = 2.0 * float(np.log(np.diag(factor)).sum()) + float(np.linalg.slogdet(precision)[1])
-    evidence = -0.5 * log_determinants - half * math.log(squares) + float(scipy.special.gammaln(half))
-    return _Fit(mean, np.diag(inverse) * squares / (2.0 * half), evidence)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """Sessions as a linear model: values about their mean in units of their scatter, and what they may follow."""
+
+    days: FloatArray
+    values: FloatArray
+    design: FloatArray
+    precision: FloatArray
+    zero: float
+    unit: float
+    factors: dict[Structure, FloatArray] = field(default_factory=dict)  # of covariances, once they were wanted
+
+    @classmethod
+    def of(cls, sessions: Sequence[Session], prior: Prior) -> "_Asked | None":
+        """Return the model; None if all sessions are of one value."""
+        last = sessions[-1].started_at
+        days = np.array([(session.started_at - last) / DAY for session in sessions])
+        values = np.array([session.value for session in sessions])
+        if np.ptp(values) == 0.0:
+            return None
+        zero, unit = float(values.mean()), float(values.std())
+        angle = 2.0 * math.pi * days * (DAY / YEAR)
+        design = np.column_stack([
+            np.ones(days.size), days * (DAY / YEAR), 1.0 - np.cos(angle), np.sin(angle), _changes(sessions),
+            _covariate([session.temperature for session in sessions], KELVIN),
+            _covariate([session.friction_torque for session in sessions], None),
+        ])  # fmt: skip
+        precision = np.array([_OPEN, _OPEN, *prior.deviations]) ** -2.0
+        lent = design[:, 2:] @ np.array(prior.coefficients)
+        return cls(days, (values - zero - lent) / unit, design, precision, zero, unit)
+
+    def fit(self, structure: Structure) -> _Fit:
+        """Return the posterior of a structure, in the normal–inverse-gamma family with nothing known of σ²."""
+        white, log_determinant = self._white(structure, self.design)
+        y, x = white[:, 0], white[:, 1:]
+        precision = x.T @ x + np.diag(self.precision)
+        inverse = scipy.linalg.inv(precision)
+        mean = inverse @ (x.T @ y)
+        squares, half = float(y @ y - mean @ precision @ mean), 0.5 * (y.size - 2)
+        log_determinant += float(np.linalg.slogdet(precision)[1])
+        evidence = -0.5 * log_determinant - half * math.log(squares) + float(scipy.special.gammaln(half))
+        variance = squares / (2.0 * half)
+        return _Fit(mean, inverse * variance, variance, evidence)
+
+    def evidence_of_changes(self, structure: Structure, at: Sequence[int]) -> FloatArray:
+        """Return the logarithms of the marginal likelihood without a change, and with one at each of some sessions."""
+        n, p = self.design.shape
+        since = self.days[:, np.newaxis] - self.days[at]
+        after = np.arange(n)[:, np.newaxis] >= np.array(at)
+        slopes = np.where(after, since / np.ptp(self.days), 0.0)
+        white, log_determinant = self._white(structure, np.hstack([self.design, after, slopes]))
+        y, x = white[:, 0], white[:, 1 : p + 1]
+        change = white[:, p + 1 :].reshape(n, 2, len(at))  # what is added by each: a step, and a slope from there on
+        precision = x.T @ x + np.diag(self.precision)
+        solved = np.linalg.solve(
+            precision, np.column_stack([x.T @ y, np.einsum("ip,ick->pck", x, change).reshape(p, -1)])
+        )
+        of_base, of_change = solved[:, 0], solved[:, 1:].reshape(p, 2, len(at))
+        left = np.einsum("ick,idk->kcd", change, change) + _CHANGE**-2.0 * np.eye(2)
+        left -= np.einsum("ick,ip,pdk->kcd", change, x, of_change, optimize=True)
+        toward = np.einsum("ick,i->kc", change, y - x @ of_base)
+        squares, half = float(y @ y - (x.T @ y) @ of_base), 0.5 * (n - 2)
+        log_determinant += float(np.linalg.slogdet(precision)[1])
+        none = -0.5 * log_determinant - half * math.log(squares)
+        # a slope alone, or a step with it
+        gained = toward[:, 1] ** 2 / left[:, 1, 1]
+        bend = none - 0.5 * np.log(_CHANGE**2 * left[:, 1, 1]) - half * np.log1p(-gained / squares)
+        gained = np.einsum("kc,kc->k", toward, np.linalg.solve(left, toward[:, :, np.newaxis])[:, :, 0])
+        step = none - 0.5 * np.linalg.slogdet(_CHANGE**2 * left)[1] - half * np.log1p(-gained / squares)
+        return np.append(none, np.logaddexp(bend, step) - math.log(2.0))
+
+    def _white(self, structure: Structure, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return values and columns as they scatter independently, and the logarithm of the determinant."""
+        factor = self.factors.get(structure)
+        if factor is None:
+            apart = np.abs(self.days[:, None] - self.days[None, :])
+            covariance = structure.share * structure.correlation**apart
+            covariance[np.diag_indices(self.days.size)] = 1.0
+            factor = self.factors[structure] = scipy.linalg.cholesky(covariance, lower=True)
+        white = scipy.linalg.solve_triangular(factor, np.column_stack([self.values, columns]), lower=True)
+        return white, 2.0 * float(np.log(np.diag(factor)).sum())
+
+
+def _last_change(sessions: Sequence[Session], prior: Prior, *, known: bool) -> dict[int, float] | None:
+    """Return the numbers of the sessions that a change may be at, with probabilities; None if no change is evident."""
+    n = len(sessions)
+    if n < FEWEST or (asked := _Asked.of(sessions, prior)) is None:
+        return None
+    weight = np.log(prior.weights)
+
+    def likelihood(at: Sequence[int]) -> FloatArray:
+        each = [w + asked.evidence_of_changes(s, at) for w, s in zip(weight, STRUCTURES, strict=True)]
+        return np.asarray(scipy.special.logsumexp(each, axis=0))
+
+    step = max(1, n // _PLACES)
+    at = list(range(_LEAST_BESIDE, n - _LEAST_BESIDE + 1, step))
+    found = likelihood(at)
+    evidence = float(scipy.special.logsumexp(found[1:])) - math.log(len(at)) - found[0]
+    if evidence < EVIDENT and not known:
+        return None
+    best = at[int(np.argmax(found[1:]))]
+    reach = max(_AROUND, step)
+    at = [k for k in range(best - reach, best + reach + 1) if _LEAST_BESIDE <= k <= n - _LEAST_BESIDE]
+    share = scipy.special.softmax(likelihood(at)[1:])
+    kept = np.argsort(share)[-_MOST_PLACES:]
+    return {at[i]: float(share[i]) for i in kept if share[i] >= _LEAST_SHARE * share.max()}
 
 
 def _changes(sessions: Sequence[Session]) -> FloatArray:
@@ -127,63 +274,3 @@ def _covariate(stated: Sequence[float | None], unit: float | None) -> FloatArray
     if unit == 0.0:
         return np.zeros(len(stated))
     return np.array([0.0 if value is None else (value - mean) / unit for value in stated])
-
-
-#: Through fewer readings every line is a guess.
-FEWEST_READINGS = 8
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Projection:
-    """Readings as they would be at later moments; shape (n_moments,)."""
-
-    value: FloatArray  # on the line, in the unit of the readings
-    lower: FloatArray  # of the 95 % prediction interval of one reading
-    upper: FloatArray
-    slope: Estimate  # in the unit of the readings a day
-
-
-def project(days: FloatArray, values: FloatArray, ahead: FloatArray) -> Projection:
-    r"""Return the 95 % prediction interval of one more reading on the straight line through readings.
-
-    .. math:: \hat y(t) \pm t_{0.975,\,n-2}\; s \sqrt{1 + \frac{1}{n} + \frac{(t - \bar t)^2}{\sum_i (t_i - \bar t)^2}}
-
-    Eq. (1.4.11) of [1]_. It holds for readings that scatter independently about a line that goes on; that it does is an
-    assumption, which is why the answer is called a projection.
-
-    Parameters
-    ----------
-    days : ndarray, shape (n_readings,)
-        When they were taken. [d]
-    values : ndarray, shape (n_readings,)
-        In any unit. [-]
-    ahead : ndarray, shape (n_moments,)
-        When readings are asked for, counted as ``days``. [d]
-
-    Returns
-    -------
-    Projection
-        Values, interval and slope. [-]
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there are fewer than 8 readings, or all of one moment.
-
-    References
-    ----------
-    .. [1] N. R. Draper, H. Smith, Applied Regression Analysis, 3rd ed., Wiley, 1998.
-    """
-    n = days.size
-    if n < FEWEST_READINGS or np.ptp(days) == 0.0:
-        raise NotIdentifiableError(
-            f"a projection needs {FEWEST_READINGS} readings or more, of several moments; got {n}"
-        )
-    mean = float(days.mean())
-    spread = float(np.sum((days - mean) ** 2))
-    slope = float(np.sum((days - mean) * values)) / spread
-    level = float(values.mean())
-    scatter = float(np.sqrt(np.sum((values - level - slope * (days - mean)) ** 2) / (n - 2)))
-    value = level + slope * (ahead - mean)
-    reach = float(scipy.special.stdtrit(n - 2, 0.975)) * scatter * np.sqrt(1.0 + 1.0 / n + (ahead - mean) ** 2 / spread)
-    return Projection(value, value - reach, value + reach, Estimate(slope, scatter / spread**0.5, float(n - 2)))

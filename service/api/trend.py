@@ -18,7 +18,6 @@ from service.json_types import JsonObject
 from service.operations.access.scopes import Scope
 from service.operations.fields import AnswerModel, AxisId, RowId
 from service.operations.monitoring.evidence import OtherJudgement, evidence_of
-from service.operations.monitoring.long_run import projection_of
 
 router = api_router("trend")
 
@@ -219,7 +218,7 @@ def _response_out(response: FrequencyResponse | None) -> ResponseOut | None:
 
 
 class ProjectedPointOut(BaseModel):
-    """A measurement as it would be."""
+    """A session as it would be."""
 
     at: datetime
     preload_n: float
@@ -227,26 +226,34 @@ class ProjectedPointOut(BaseModel):
 
 
 class ProjectionOut(BaseModel):
-    """Where the preload would go if it went on as it does now, with the 95 % prediction interval of one measurement."""
+    """Where the preload would go if it went on as it does now, with the 95 % prediction interval of one session."""
 
     axis: str
     since: datetime | None
-    n_measurements: int
+    n_measurements: Annotated[int, Field(description="sessions: what is measured on a day is one")]
     slope_n_per_day: float | None
+    interval_95_n_per_day: tuple[float, float] | None = None
     points: list[ProjectedPointOut]
 
 
 @router.get("/axes/{axis}/projection", dependencies=[needs(Scope.TRENDS_READ)])
 def get_projection(axis: AxisId, services: ServicesOf) -> ProjectionOut:
-    """Project the trend from the onset of the alarm that stands, or the newest measurements: empty of too few."""
-    line = projection_of(services.database, axis)
-    if line is None:
+    """Project the line through the sessions since the last change of level or slope: empty of too few."""
+    projected = services.history.of(axis).projected
+    if projected is None:
         return ProjectionOut(axis=axis, since=None, n_measurements=0, slope_n_per_day=None, points=[])
+    change = projected.line.change_a_day or (math.nan, math.nan)
     points = [
         ProjectedPointOut(at=at, preload_n=preload, interval_95_n=(lower, upper))
-        for at, preload, lower, upper in zip(line.at, line.preload_n, line.lower_n, line.upper_n, strict=True)
+        for at, preload, lower, upper in zip(
+            projected.at, projected.preload_n, projected.lower_n, projected.upper_n, strict=True
+        )
     ]
     return ProjectionOut(
-        axis=axis, since=line.since, n_measurements=line.n_measurements, slope_n_per_day=line.slope_n_per_day,
+        axis=axis,
+        since=projected.line.started_at,
+        n_measurements=projected.line.n_sessions,
+        slope_n_per_day=change[0],
+        interval_95_n_per_day=(change[0] - change[1], change[0] + change[1]),
         points=points,
-    )  # fmt: skip
+    )

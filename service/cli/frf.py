@@ -17,6 +17,7 @@ from monitor_core.session import (
     judge_session,
     modes_of_session,
 )
+from monitor_core.uncertainty import plus_minus
 from service.cli.inputs.data import (
     Data,
     DataKind,
@@ -139,7 +140,7 @@ def _mode_row(name: str, modal: ModalMeasurement, remark: str | None = None) -> 
     return (
         name,
         f"{to_millimetres(modal.conditions.position):.1f} mm",
-        f"{frequency.value:.3f} ± {frequency.standard_uncertainty:.3f} Hz",
+        f"{plus_minus(frequency.value, frequency.standard_uncertainty)} Hz",
         f"{100 * modal.mode.damping_ratio.value:.2f} %",
         f"{modal.coherence:.3f}",
         f"{modal.n_averages:.0f}",
@@ -210,7 +211,7 @@ def _response_rows(group: "ModesAtConditions") -> list[tuple[str, ...]]:
         (
             name,
             position,
-            f"{mode.frequency.value:.2f} ± {mode.frequency.standard_uncertainty:.2f} Hz",
+            f"{plus_minus(mode.frequency.value, mode.frequency.standard_uncertainty)} Hz",
             f"{100 * mode.damping_ratio.value:.2f} %",
             said,
         )

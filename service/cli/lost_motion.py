@@ -10,7 +10,7 @@ import click
 from monitor_core.lost_motion import LostMotion, estimate_lost_motion
 from monitor_core.recording import Rejection, Window
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.uncertainty import Estimate
+from monitor_core.uncertainty import Estimate, plus_minus
 from service.cli.inputs.data import DataKind, data_argument, data_of, map_option, opened_session
 from service.cli.options import json_option, send_to_option
 from service.cli.output import print_json, print_line, print_table
@@ -95,7 +95,7 @@ class _Measured:
         if isinstance(outcome, Rejection):
             return self.name, place, "", "", "", "", outcome.detail
         value, play = outcome.reversal_value, outcome.play
-        lost = f"{_um(value.value):.2f} ± {_um(value.standard_uncertainty):.2f} µm"
+        lost = f"{plus_minus(_um(value.value), _um(value.standard_uncertainty))} µm"
         turns = str(outcome.n_reversals)
         if isinstance(play, Rejection):
             return self.name, place, lost, "", f"0 to {_um(value.value):.2f} µm", turns, play.detail

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from service.documents.frequency_fall import FrequencyFall, fall_sentence
-from service.documents.history import AlertView
+from service.documents.history import AlertView, LineView
 from service.documents.measurement import AlarmEvidence, Loss
-from service.documents.said import N_, Said, Value
+from service.documents.said import N_, PlusMinus, Said, Value
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +55,7 @@ class AxisFacts:
     lost_motion_grows: Said | None = None  # how much it is, while its alarm stands
     changed_since: datetime | None = None  # several numbers together; None: they show no change
     fall: FrequencyFall | None = None  # of the last measurement, without a calibration
+    present: LineView | None = None  # line since the last change; None: too few sessions since
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,24 +166,35 @@ def _what_is_lost(facts: AxisFacts, alarm: OpenAlarm) -> Said:
         return fall_sentence(fall, alarm.onset)
     lost = None if alarm.baseline is None or facts.preload is None else alarm.baseline - facts.preload
     if lost is not None and lost > 0.0 and facts.last_at is not None:
-        days = (facts.last_at - alarm.onset).total_seconds() / 86400.0
-        text = N_("%(lost)s N of preload were lost since %(day)s.")
-        if days >= 1.0:
-            text = N_("%(lost)s N of preload were lost since %(day)s, about %(rate)s N a day.")
-        return Said(text, values | {"lost": round(lost), "rate": lost / max(days, 1.0)})
+        return _how_fast(values | {"lost": round(lost)}, None if facts.present is None else facts.present.change_a_day)
     text = N_("Preload is lower than the baseline since %(day)s.")
     if facts.in_force is None:
         text = N_("The natural frequency is lower than the baseline since %(day)s.")
     return Said(text, values)
 
 
+def _how_fast(values: dict[str, Value], change: tuple[float, float] | None) -> Said:
+    """Say what was lost, and whether it goes on: a step is no rate, and what is not evident is none."""
+    if change is None:
+        text = N_(
+            "%(lost)s N of preload were lost since %(day)s; whether it goes on is known after ten sessions, of a week "
+            "or more."
+        )
+        return Said(text, values)
+    loss, half = -change[0], change[1]
+    text = N_("%(lost)s N of preload were lost since %(day)s; now it loses %(rate)s N a day.")
+    if loss <= half:
+        text = N_("%(lost)s N of preload were lost since %(day)s; that it goes on is not evident: %(rate)s N a day.")
+    return Said(text, values | {"rate": PlusMinus(loss, half)})
+
+
 def falls_while_learning(onset: datetime, loss: Loss) -> Said:
     """Return what is said of an axis whose preload falls while there is no baseline yet."""
     text = N_(
-        "The preload falls while its baseline is being learnt: −%(lost)s ± %(half)s %% from %(day)s to %(until)s. "
+        "The preload falls while its baseline is being learnt: −%(lost)s %% from %(day)s to %(until)s. "
         "Nothing of that is learnt as healthy."
     )
-    return Said(text, {"lost": loss.percent, "half": loss.half_width, "day": onset, "until": loss.until})
+    return Said(text, {"lost": PlusMinus(loss.percent, loss.half_width), "day": onset, "until": loss.until})
 
 
 def alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter
 
+from monitor_core.uncertainty import plus_minus
 from service.clock import text_of
 from service.documents.measurement import finite_or_null, members
 from service.json_types import JsonObject
@@ -173,15 +174,7 @@ def change_sentence(change: "TriedChange") -> str:
     shown = abs(size)
     if change.key in _RATIOS:
         shown, half_width = abs(math.exp(size) - 1.0), math.exp(size) * half_width
-    return text.format(
-        change=less if size < 0.0 else more, size=_with_interval(per_unit * shown, per_unit * half_width)
-    )
-
-
-def _with_interval(size: float, half_width: float) -> str:
-    """Return a size and its interval with two digits of the interval."""
-    digits = max(0, 1 - math.floor(math.log10(half_width))) if half_width > 0.0 else 0
-    return f"{size:.{digits}f} ± {half_width:.{digits}f}"
+    return text.format(change=less if size < 0.0 else more, size=plus_minus(per_unit * shown, per_unit * half_width))
 
 
 def _percent(probability: float) -> str:

@@ -6,7 +6,7 @@ from datetime import datetime
 
 from monitor_core.preload import UNSTATED_SHARE, preload_lost_interval
 from monitor_core.uncertainty import Estimate, Interval, IntervalKind
-from service.documents.said import N_, Said, Value, in_english
+from service.documents.said import N_, PlusMinus, Said, Value, in_english
 
 #: Half of the width of a 95 % interval in standard uncertainties.
 REACH = 1.96
@@ -59,16 +59,14 @@ def fall_between(frequency: Estimate, expected: Estimate, share: Interval | None
 def fall_sentence(fall: FrequencyFall, since: datetime | None = None) -> Said:
     """Say how far a frequency has fallen, and how much of the preload that may be; never newtons."""
     least, most = (round(end) for end in fall.lost_percent)
-    values: dict[str, Value] = {"fall": fall.percent, "half": fall.half_percent, "least": least, "most": most}
-    text = N_(
-        "The natural frequency fell by %(fall)s ± %(half)s %%; if that is preload, %(least)s to %(most)s %% of it is "
-        "lost."
-    )
+    by = PlusMinus(fall.percent, fall.half_percent)
+    values: dict[str, Value] = {"fall": by, "least": least, "most": most}
+    text = N_("The natural frequency fell by %(fall)s %%; if that is preload, %(least)s to %(most)s %% of it is lost.")
     if since is None:
         return Said(text, values)
     text = N_(
-        "Since %(day)s the natural frequency fell by %(fall)s ± %(half)s %%; if that is preload, %(least)s to "
-        "%(most)s %% of it is lost."
+        "Since %(day)s the natural frequency fell by %(fall)s %%; if that is preload, %(least)s to %(most)s %% of it "
+        "is lost."
     )
     return Said(text, values | {"day": since})
 

@@ -4,10 +4,11 @@ These records are what the pages show and what the API sends.
 """
 
 import math
-from datetime import datetime
+from dataclasses import dataclass
+from datetime import datetime, timedelta
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.preload import Calibration, preload_from_feature
 from monitor_core.trend import FEWEST_SESSIONS, DetectorState, FoundRate, TrendLine
@@ -54,7 +55,7 @@ class AlertView(_View):
 
 
 class LineView(_View):
-    """The line through the trend in newtons a year, at the preload where it ends; losses are negative.
+    """The line through the trend since its last change, in newtons a year; losses are negative.
 
     Without a calibration it is in percent of the frequency.
     """
@@ -68,6 +69,17 @@ class LineView(_View):
     n_sessions: int
     slope_percent_per_year: float | None = None
     interval_95_percent_per_year: tuple[float, float] | None = None
+    changed_at: datetime | None = Field(
+        default=None, description="first session after the last change of level or slope; null: none is evident"
+    )
+
+    @property
+    def change_a_day(self) -> tuple[float, float] | None:
+        """Present change of the preload a day with half of its 95 % interval [N]; None without a calibration."""
+        if self.slope_n_per_year is None or self.interval_95_n_per_year is None:
+            return None
+        lower, upper = self.interval_95_n_per_year
+        return self.slope_n_per_year / _DAYS_A_YEAR, 0.5 * (upper - lower) / _DAYS_A_YEAR
 
 
 class FalseAlarmsView(_View):
@@ -164,7 +176,46 @@ def alert_view(state: DetectorState, calibration: Calibration | None, settled: i
     )
 
 
-def line_view(line: TrendLine, calibration: Calibration | None) -> LineView:
+#: Steps that a projection is told in, and how far it goes at most.
+_STEPS, _LONGEST_AHEAD = 13, timedelta(days=90)
+_DAYS_A_YEAR = 365.25
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectedPreload:
+    """Where the preload would go if it went on as it does now: a projection, no measurement."""
+
+    line: LineView
+    at: list[datetime]
+    preload_n: list[float]
+    lower_n: list[float]  # of the 95 % prediction interval of one session
+    upper_n: list[float]
+
+
+def projected_preload(line: TrendLine, calibration: Calibration) -> ProjectedPreload | None:
+    """Project the line as far as it reaches back, and 90 days at most; None where it tells no preload."""
+    reach = min(line.ended_at - line.started_at, _LONGEST_AHEAD)
+    told: list[tuple[datetime, float, float, float]] = []
+    for step in range(_STEPS):
+        ahead = reach * step / (_STEPS - 1)
+        feature = line.ahead(ahead / timedelta(days=_DAYS_A_YEAR))
+        # the feature falls as the preload rises; where it may be none the preload may be any
+        if feature.value - feature.expanded_uncertainty <= 0.0:
+            break
+        lower, value, upper = (
+            preload_from_feature(feature.value + side * feature.expanded_uncertainty, calibration.coefficients)
+            for side in (1.0, 0.0, -1.0)
+        )
+        told.append((line.ended_at + ahead, value, lower, upper))
+    if not told:
+        return None
+    return ProjectedPreload(
+        line_view(line, calibration), [each[0] for each in told], [each[1] for each in told],
+        [each[2] for each in told], [each[3] for each in told],
+    )  # fmt: skip
+
+
+def line_view(line: TrendLine, calibration: Calibration | None, changed_at: datetime | None = None) -> LineView:
     """Return the line through the trend in newtons a year, or percent, with the confidence interval of its slope."""
     preload = None if calibration is None else preload_from_feature(line.at_end.value, calibration.coefficients)
     # preload = (g/k3)^-3; a frequency is g^-1/2
@@ -179,6 +230,7 @@ def line_view(line: TrendLine, calibration: Calibration | None) -> LineView:
         started_at=line.started_at,
         ended_at=line.ended_at,
         n_sessions=line.n_sessions,
+        changed_at=changed_at,
     )
     if calibration is not None:
         return view

@@ -27,7 +27,7 @@ from monitor_core.preload import (
 from monitor_core.recording import Doubt, Rejection
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart, DetectorState, Evidence, latest_difference
-from monitor_core.uncertainty import Interval, IntervalKind
+from monitor_core.uncertainty import Interval, IntervalKind, plus_minus
 from service.clock import text_of
 from service.documents.frequency_fall import REACH, FrequencyFall, fall_in_english, fall_of
 from service.json_types import Json, JsonObject
@@ -159,8 +159,7 @@ def _half(ends: Ends) -> str:
     lower, upper = ends
     if lower is None or upper is None:
         return "open upwards"
-    half = (upper - lower) / 2.0
-    return f"± {half:.0f} N" if half >= 100.0 else f"± {half:.3g} N"
+    return f"±{plus_minus(0.0, (upper - lower) / 2.0).partition('±')[2]} N"
 
 
 #: What the shares of a variance are, for a person; a share that is not named here is shown by its key.
@@ -404,7 +403,7 @@ def _evidence_while_learning(
             "loss_percent": lost,
             "loss_interval_95_percent": [lower, upper],
         }
-        words = f"the preload falls while its baseline is learnt: {-lost:.1f} ± {0.5 * (upper - lower):.1f} %"
+        words = f"the preload falls while its baseline is learnt: {plus_minus(-lost, 0.5 * (upper - lower))} %"
     unstated = any(session.temperature is None for session in (*state.learning, state.session) if session is not None)
     doubt = "; temperature was not stated, so that a colder axis is not told from it" if unstated else ""
     return finite_or_null({

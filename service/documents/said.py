@@ -4,11 +4,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
-Value = int | float | str | datetime
+from monitor_core.uncertainty import plus_minus
 
 
 class Stated(float):
     """A number as somebody stated it, shown with all its digits."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlusMinus:
+    """A number with half of its interval, shown with two digits of that."""
+
+    value: float
+    half: float
+
+    def __str__(self) -> str:
+        return plus_minus(self.value, self.half)
+
+
+Value = int | float | str | datetime | PlusMinus
 
 
 @dataclass(frozen=True, slots=True)

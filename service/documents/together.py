@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.trend import JOINT_SHARE, DetectorDesign, JointEvidence, JointState, NumberChange, joint_limit
+from monitor_core.uncertainty import plus_minus
 from service.clock import text_of
 from service.documents.measurement import ChangedNumber, finite_or_null, interval_of
 from service.json_types import JsonObject
@@ -85,9 +86,10 @@ def said_of(alarm: JointEvidence) -> str:
     for change in alarm.changes:
         number = _changed(change)
         half = 0.5 * (number.interval_95_percent[1] - number.interval_95_percent[0])
+        sign = "+" if number.change_percent > 0.0 else ""
         parts.append(
-            f"{_CALLED[change.name]} {number.change_percent:+.1f} ± {half:.1f} % ({100.0 * change.share:.0f} % of the "
-            "evidence)"
+            f"{_CALLED[change.name]} {sign}{plus_minus(number.change_percent, half)} % ({100.0 * change.share:.0f} % "
+            "of the evidence)"
         )
     as_loss = " as when preload is lost" if alarm.as_loss else ", though not as when preload is lost"
     return (

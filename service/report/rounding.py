@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from monitor_core.uncertainty import decimals_of
+
 UNKNOWN: Final = "—"
 TIMES: Final = 1.5  # from this ratio on people say "times"
 
@@ -39,7 +41,7 @@ def notation(value: float, uncertainty: float, digits: int = 3) -> Notation:
     largest = max(abs(value), uncertainty if known else 0.0)
     if largest == 0.0:
         return Notation(0, 0)
-    last = _decade(uncertainty) - 1 if known else _decade(value) + 1 - digits
+    last = -decimals_of(uncertainty) if known else _decade(value) + 1 - digits
     exponent = 0 if 1e-2 <= largest < 1e4 else 3 * math.floor(_decade(largest) / 3)
     return Notation(exponent, min(exponent - last, 6))
 

@@ -15,7 +15,7 @@ from service.documents.explanation_sentences import (
     texts,
     unfinished_sentence,
 )
-from service.report.rounding import bound, compared_with_stated, rounded, unit_shown
+from service.report.rounding import bound, compared_with_stated, rounded, unit_shown, with_uncertainty
 
 _HELD = " on data that were not used to choose it"
 _NOT_HELD = " on the data it was chosen by"
@@ -254,17 +254,17 @@ def _record_sentences(explanation: Explanation) -> Iterator[str]:
 
 
 def _fault(record: WrongRecord) -> str:
-    uncertainty = rounded(record.standard_uncertainty, 2)
     if record.fault is RecordFault.OUTLIER:
         return (
             f"it is {rounded(record.misfit, 2)} standard deviations from what the others say, and no tag and no gain "
             "explains that"
         )
     if record.fault is RecordFault.GAIN:
-        return f"its gain is {rounded(record.found)} ± {uncertainty} times what it should be"
+        return f"its gain is {with_uncertainty(record.found, record.standard_uncertainty)} times what it should be"
     what, more, less = _TAGS[record.fault]
     change = record.found - record.stated
-    return f"{what} {rounded(abs(change))} ± {uncertainty} {record.unit} {more if change > 0.0 else less} stated"
+    size = with_uncertainty(abs(change), record.standard_uncertainty)
+    return f"{what} {size} {record.unit} {more if change > 0.0 else less} stated"
 
 
 # --- what was described

@@ -88,7 +88,15 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
             "axis.html",
             axis=AxisOut.model_validate(status),
             standing=standing(
-                facts_of(status, overview, alarms, history.alert, history.together, lost_motion=lost_motion)
+                facts_of(
+                    status,
+                    overview,
+                    alarms,
+                    history.alert,
+                    history.together,
+                    lost_motion=lost_motion,
+                    present=history.line,
+                )
             ),
             last=status.last,
             history=history,

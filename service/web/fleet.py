@@ -11,6 +11,7 @@ from pydantic import Field
 
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
+from service.documents.history import LineView
 from service.documents.stored_measurement import StoredMeasurement
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
@@ -50,7 +51,7 @@ class FleetAxis:
     state: str
     last: StoredMeasurement
     share: float | None  # of the preload that is its baseline [-]
-    loss_per_day: float | None  # since the onset of the alarm that stands [N]
+    present: LineView | None  # while an alarm stands, the line since the last change
     open_alarms: int
     alarm: int | None  # number of the newest open one
     shelved_until: datetime | None
@@ -134,12 +135,9 @@ def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, Al
         row, last = status.row, status.last
         view = alarms.get(row.id)
         alarm = None if view is None else open_alarm([view])
-        share = per_day = None
+        share = None
         if last.preload_n is not None and last.baseline_preload_n:
             share = last.preload_n / last.baseline_preload_n
-        if alarm is not None and alarm.baseline is not None and last.preload_n is not None and last.started_at:
-            days = (last.started_at - alarm.onset).total_seconds() / 86400.0
-            per_day = (alarm.baseline - last.preload_n) / days if days >= 1.0 else None
         lines.append(
             FleetAxis(
                 id=row.id,
@@ -147,7 +145,7 @@ def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, Al
                 state=status.state,
                 last=last,
                 share=share,
-                loss_per_day=per_day,
+                present=None if alarm is None else on.history.of(row.id).line,
                 open_alarms=status.open_alarms,
                 alarm=None if view is None else view.row.id,
                 shelved_until=None if view is None else view.shelved_until,

@@ -11,14 +11,13 @@ from fastapi import APIRouter, Response
 
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
+from service.documents.history import ProjectedPreload
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId
 from service.operations.monitoring.long_run import (
-    ProjectedPreload,
     Sister,
     Spectrum,
-    projection_of,
     sisters_with_trend,
     spectra_of,
 )
@@ -71,7 +70,7 @@ def long_run_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     shares = [
         (sister, line) for sister in sisters_with_trend(on.database, axis) if (line := _share(sister, axis)) is not None
     ]
-    projected = projection_of(on.database, axis)
+    projected = on.history.of(axis).projected
     return page.show(
         "axis_long_run.html",
         axis=on.axes.get(axis),
@@ -122,7 +121,7 @@ def _sisters(words: Words, lines: Sequence[ShareLine]) -> Charts:
 def _projection(words: Words, axis: str, projected: ProjectedPreload, on: Services) -> Charts:
     """Draw what the projection rests on, as much time before it, and where the preload would go."""
     last = projected.at[0]
-    start = projected.since - (last - projected.since) / 2
+    start = projected.line.started_at - (last - projected.line.started_at) / 2
     points = on.trend.at_resolution(axis, Span(start), _BEFORE).points
     marks = preload_marks(ToldColumns.of([point for point in points if point.preload_n is not None]))
     wedge = Wedge(projected.at, projected.preload_n, projected.lower_n, projected.upper_n)

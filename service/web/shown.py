@@ -9,14 +9,12 @@ from jinja2 import Environment, pass_context
 from jinja2.runtime import Context
 from markupsafe import Markup, escape
 
+from monitor_core.uncertainty import plus_minus
 from service.clock import now
 from service.documents.measurement import shares_in_words
-from service.documents.said import Said, Stated, Value
+from service.documents.said import PlusMinus, Said, Stated, Value
 from service.report.rounding import UNKNOWN, notation
 from service.web.words import Words
-
-#: Half of the width of a 95 % interval in standard uncertainties.
-_REACH = 1.96
 
 
 def decimal(words: Words, text: str) -> str:
@@ -46,10 +44,13 @@ def with_interval(words: Words, value: float | None, interval: Sequence[float | 
     lower, upper = interval or (None, None)
     if lower is None or upper is None:
         return number(words, value), ""
-    half = (upper - lower) / 2.0
-    chosen = notation(value, half / _REACH)
-    decimals = 0 if half >= 3.0 else max(chosen.decimals, 0)
-    return decimal(words, f"{value:.{decimals}f}"), decimal(words, f"{half:.{decimals}f}")
+    text, _, half = plus_minus(value, (upper - lower) / 2.0).partition(" ± ")
+    return decimal(words, text), decimal(words, half)
+
+
+def uncertain(words: Words, value: float, uncertainty: float) -> str:
+    """Show a value with its uncertainty, or half of its interval."""
+    return decimal(words, plus_minus(value, uncertainty))
 
 
 def _moment(value: datetime | str) -> datetime:
@@ -97,6 +98,8 @@ def _said(words: Words, value: Value) -> str | Markup:
         return day(value)
     if isinstance(value, Stated):
         return stated(words, value)
+    if isinstance(value, PlusMinus):
+        return uncertain(words, value.value, value.half)
     if isinstance(value, float):
         value = number(words, value, 2)
     return escape(value)
@@ -125,6 +128,7 @@ def install(environment: Environment) -> None:
         "stated": spoken(stated),
         "plain": spoken(plain),
         "with_interval": spoken(with_interval),
+        "uncertain": spoken(uncertain),
         "age": spoken(age),
         "say": spoken(say),
         "when": when,

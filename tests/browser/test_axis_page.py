@@ -75,7 +75,7 @@ SENTENCES = {
     "learning": "The baseline is being learnt. Until then only a preload that falls all the while raises an alarm.",
     "normal": "No loss of preload is seen. Next: Nothing is to be done.",
     "alert": "above the baseline on average. That is no loss.",
-    "alarm": "N a day. Nobody has the alarm yet. Next: Measure at another position",
+    "alarm": " Nobody has the alarm yet. Next: Measure at another position",
     "acknowledged": "anyone on this machine has the alarm.",
     "silent": "Nothing is known about the preload now: the last measurement is of 2026-03-10, more than 1 h ago.",
     "cleared": "anyone on this machine cleared the alarm on",

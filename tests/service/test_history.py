@@ -99,10 +99,13 @@ def test_what_an_inspection_clears_is_part_of_the_history(api: Api) -> None:
     api.http.post(f"/v1/alarms/{alarm['id']}/clear", json={"comment": "in order"}).raise_for_status()
     after = history(api, "worn")
     assert after["false_alarms"]["n_sessions"] > n_before  # somebody has said that the alarm was false
-    assert after["trend_line"]["slope_n_per_year"] < -100.0  # and the loss is not learnt away
+    assert after["trend_line"] is None  # a step is no rate, and four sessions since tell none
     watch(api, "worn", rng, [250.0] * 11, first_day=24)
     assert api.axis("worn")["state"] == "normal"
     assert history(api, "worn")["baseline"]["size"] > 20  # scatter and dependence are known still
+    line = history(api, "worn")["trend_line"]
+    assert line["changed_at"].startswith(f"{START + timedelta(days=20):%Y-%m-%d}")
+    assert line["interval_95_n_per_year"][0] < 0.0 < line["interval_95_n_per_year"][1]
 
 
 @pytest.mark.release

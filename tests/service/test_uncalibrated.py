@@ -18,6 +18,7 @@ from monitor_core.pipeline import AxisSettings, AxisState, advance, judge_measur
 from monitor_core.recording import Window
 from monitor_core.recordings.model_file import model_file_text
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
+from monitor_core.uncertainty import plus_minus
 from service.operations.monitoring.intake.chart_state import load_state
 from tests.identification.test_described_calibration import AXES, Plant
 from tests.service.conftest import SAMPLE_RATE, START, Api, axial_frequency, simulated_measurement
@@ -61,7 +62,9 @@ def test_a_loss_is_alarmed_without_a_calibration_and_without_newtons(watched: Ap
     least, most = evidence["preload_lost_if_preload_percent"]
     assert least < 100.0 * (1.0 - 100.0 / 300.0) < most
     assert " N " not in evidence["sentence"]
-    assert f"fell by {evidence['frequency_fall_percent']:.3g} ±" in evidence["sentence"]
+    lower, upper = evidence["frequency_fall_interval_95_percent"]
+    said = plus_minus(evidence["frequency_fall_percent"], 0.5 * (upper - lower))
+    assert f"fell by {said} %; if that is preload" in evidence["sentence"]
 
 
 def test_a_drive_model_tells_the_law_of_places_that_an_axis_has_not_shown(api: Api) -> None:

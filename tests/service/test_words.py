@@ -140,7 +140,7 @@ def test_the_browser_chooses_the_language_and_how_numbers_are_written(accepted: 
 
 def test_values_have_the_digits_that_their_interval_warrants() -> None:
     words = words_for("de")
-    assert with_interval(words, 177.264, (172.1, 182.4)) == ("177", "5")
+    assert with_interval(words, 177.264, (172.1, 182.4)) == ("177,3", "5,2")
     assert with_interval(words, 177.264, (176.9, 177.6)) == ("177,26", "0,35")
     assert with_interval(words, 177.264, (172.1, None)) == ("177", "")
     assert with_interval(words, None, None) == ("—", "")

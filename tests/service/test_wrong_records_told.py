@@ -42,9 +42,9 @@ def test_a_wrong_tag_is_told_with_its_record_and_its_error() -> None:
     ("fault", "found", "unit", "words"),
     [
         (RecordFault.PRELOAD, 470.0, "N", "its preload is 30.0 ± 2.0 N lower than stated"),
-        (RecordFault.PAYLOAD, 506.0, "kg", "its payload is 6.00 ± 2.0 kg more than stated"),
+        (RecordFault.PAYLOAD, 506.0, "kg", "its payload is 6.0 ± 2.0 kg more than stated"),
         (RecordFault.TEMPERATURE, 515.0, "K", "it is 15.0 ± 2.0 K warmer than stated"),
-        (RecordFault.GAIN, 1.3, "1", "its gain is 1.30 ± 2.0 times what it should be"),
+        (RecordFault.GAIN, 1.3, "1", "its gain is 1.3 ± 2.0 times what it should be"),
     ],
 )
 def test_other_faults_are_told(fault, found, unit, words) -> None:

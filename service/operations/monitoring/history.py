@@ -12,21 +12,23 @@ from monitor_core.recording import Conditions
 from monitor_core.trend import (
     ClosedSession,
     DetectorDesign,
-    Prior,
+    DetectorState,
     Session as MeasuredSession,
     found_rate,
     healthy_sessions,
-    trend_line,
+    present_trend,
 )
 from service.documents.history import (
     AlertView,
     BaselineView,
     FalseAlarmsView,
     LineView,
+    ProjectedPreload,
     alert_view,
     baseline_view,
     false_alarms_view,
     line_view,
+    projected_preload,
 )
 from service.documents.together import TogetherView, together_view
 from service.operations.monitoring.intake.chart_state import load_design, load_state
@@ -82,6 +84,7 @@ class AxisHistory:
     stale: Stale | None = None  # it is about to be replaced
     together: TogetherView | None = None  # what several numbers show together
     healthy: HealthyFrequency | None = None  # without a calibration: what frequencies are compared with now
+    projected: ProjectedPreload | None = None  # where the line goes
 
 
 class History:
@@ -108,38 +111,40 @@ class History:
         sessions = stored_sessions(connection, row.number, row.active_calibration_id or UNCALIBRATED, MOST_SESSIONS)
         stored, design = load_state(row.monitor_state), load_design(row.detector_design)
         state = stored.detector
-        line, false_alarms = self._remembered.of(
+        line, projected, false_alarms = self._remembered.of(
             ("long run", axis_id),
-            (hash(tuple(sessions)), row.active_calibration_id, row.epoch, row.detector_design),
-            lambda: _long_run(
-                list(map(SessionRecord.of, sessions)), calibration, state.of(design), state.prior_in_use, row.epoch
-            ),
+            (hash(tuple(sessions)), row.active_calibration_id, row.epoch, row.detector_design, state.alarm is None),
+            lambda: _long_run(list(map(SessionRecord.of, sessions)), calibration, state, design, row.epoch),
         )
         alert = alert_view(state, calibration, design.settings.baseline_size)
         together = together_view(stored.joint, design)
         healthy = _healthy(stored) if calibration is None else None
         return AxisHistory(
-            baseline_view(state, calibration), line, false_alarms, alert, together=together, healthy=healthy
-        )
+            baseline_view(state, calibration), line, false_alarms, alert, together=together, healthy=healthy,
+            projected=projected,
+        )  # fmt: skip
 
 
 def _long_run(
     sessions: list[SessionRecord],
     calibration: Calibration | None,
+    state: DetectorState,
     design: DetectorDesign,
-    prior: Prior | None,
     epoch: int,
-) -> tuple[LineView | None, FalseAlarmsView]:
-    line = trend_line([_session(record) for record in sessions], prior)
+) -> tuple[LineView | None, ProjectedPreload | None, FalseAlarmsView]:
+    measured = [_session(record) for record in sessions]
+    present = present_trend(measured, state.prior_in_use, alarmed=state.alarm is not None)
+    line = None if present.line is None else line_view(present.line, calibration, present.changed_at)
+    projected = None if present.line is None or calibration is None else projected_preload(present.line, calibration)
     # an alarm that was cleared was false; of one that stands nobody has said so yet
     healthy = healthy_sessions(
         ClosedSession(_session(record), record.residual, record.reference, record.alarmed)
         for record in sessions
         if not (record.alarmed and record.epoch == epoch)
     )
-    rate = found_rate(healthy, design, np.random.default_rng(_SEED))
+    rate = found_rate(healthy, state.of(design), np.random.default_rng(_SEED))
     false_alarms = false_alarms_view(design.settings.false_alarms_per_year, rate, len(healthy))
-    return None if line is None else line_view(line, calibration), false_alarms
+    return line, projected, false_alarms
 
 
 def _session(record: SessionRecord) -> MeasuredSession:

@@ -1,36 +1,27 @@
-"""Answer what an axis did over a long time: its responses, its sisters, and where its trend would go."""
+"""Answer what an axis did over a long time: its responses and its sisters."""
 
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
 from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, TypeAdapter
 
 from monitor_core.arrays import FloatArray
-from monitor_core.errors import NotIdentifiableError
-from monitor_core.trend import project
-from service.documents.measurement import read_evidence
 from service.operations.monitoring.axis_configuration import sisters_of
 from service.operations.monitoring.extremes import extremes
-from service.store import alarms, axes, measurements
+from service.store import axes, measurements
 from service.store.database import Database
 from service.store.trend.points import Span
-from service.store.trend.shown import PageOf, ShownPoint, page_of_points
+from service.store.trend.shown import ShownPoint
 
 #: Responses of a picture, from as many stretches of the time.
 MOST_SPECTRA: Final = 26
 #: So many measurements they are chosen from.
 _CHOSEN_FROM: Final = 6 * MOST_SPECTRA
-_LOOKED_AT: Final = 400
 MOST_SISTERS: Final = 6
 _OF_A_SISTER: Final = 60
-#: Without an alarm, the projection rests on so many of the newest measurements.
-_NEWEST: Final = 30
-_LONGEST_AHEAD: Final = timedelta(days=90)
-_DAY: Final = timedelta(days=1)
 
 
 class _Response(BaseModel):
@@ -63,19 +54,6 @@ class Sister:
     points: list[ShownPoint]
 
 
-@dataclass(frozen=True, slots=True)
-class ProjectedPreload:
-    """Where the preload would go if it went on as it does now: a projection, no measurement."""
-
-    since: datetime  # of what it rests on
-    n_measurements: int
-    slope_n_per_day: float
-    at: list[datetime]
-    preload_n: list[float]
-    lower_n: list[float]  # of the 95 % prediction interval of one measurement
-    upper_n: list[float]
-
-
 def spectra_of(database: Database, axis_id: str) -> list[Spectrum]:
     """Return responses over the time, newest first: of each stretch the one measured nearest to one position.
 
@@ -103,26 +81,6 @@ def sisters_with_trend(database: Database, axis_id: str) -> list[Sister]:
         ]
 
 
-def projection_of(database: Database, axis_id: str) -> ProjectedPreload | None:
-    """Return where the preload would go; None if too little was measured.
-
-    It rests on what was measured since the onset of the alarm that stands, without one on the newest measurements.
-    """
-    with database.read() as session:
-        row = axes.get_axis(session, axis_id)
-        newest = alarms.list_alarms(
-            session, axis_id=axis_id, status=None, before_id=None, limit=1, by_measurements=True
-        )
-        standing = newest and newest[0].status in alarms.OPEN
-        span = Span(read_evidence(newest[0].evidence).onset if standing else None)
-        points = page_of_points(session.connection(), row.number, PageOf(span, _LOOKED_AT, newest_first=True))
-    judged = [
-        point for point in points
-        if point.preload_n is not None and point.set_preload_n is None and not point.doubts
-    ]  # fmt: skip
-    return _projected(judged[::-1] if standing else judged[:_NEWEST][::-1])
-
-
 def _alike(points: Sequence[ShownPoint]) -> list[ShownPoint]:
     if not points:
         return []
@@ -137,22 +95,3 @@ def _spectrum(point: ShownPoint, document: object) -> Spectrum:
     real = np.array(response.real, dtype=np.float64)
     imaginary = np.array(response.imaginary, dtype=np.float64)
     return Spectrum(point, np.array(response.frequency_hz), np.hypot(real, imaginary))
-
-
-def _projected(points: Sequence[ShownPoint]) -> ProjectedPreload | None:
-    if not points:
-        return None
-    first, last = points[0].at, points[-1].at
-    days = np.array([(point.at - last) / _DAY for point in points])
-    values = np.array([point.preload_n for point in points], dtype=np.float64)
-    reach = min(last - first, _LONGEST_AHEAD)
-    ahead = np.linspace(0.0, reach / _DAY, 13)
-    try:
-        projection = project(days, values, ahead)
-    except NotIdentifiableError:
-        return None
-    moments = [last + float(day) * _DAY for day in ahead]
-    return ProjectedPreload(
-        first, len(points), projection.slope.value, moments,
-        projection.value.tolist(), projection.lower.tolist(), projection.upper.tolist(),
-    )  # fmt: skip

@@ -6,7 +6,7 @@ from pydantic import BaseModel
 
 from monitor_core.trend import TrendStatus
 from service.documents.axis_sentence import AxisFacts, Cleared, OpenAlarm
-from service.documents.history import AlertView
+from service.documents.history import AlertView, LineView
 from service.documents.lost_motion import LostMotionStanding
 from service.documents.measurement import read_evidence
 from service.documents.together import TogetherView
@@ -31,6 +31,7 @@ def facts_of(
     together: TogetherView | None = None,
     *,
     lost_motion: LostMotionStanding | None = None,
+    present: LineView | None = None,
 ) -> AxisFacts:
     """Return what is known of an axis; its alarms come newest first."""
     row, last = status.row, status.last
@@ -53,6 +54,7 @@ def facts_of(
         lost_motion_grows=(
             lost_motion.sentence if lost_motion is not None and lost_motion.state == TrendStatus.ALARM else None
         ),
+        present=present,
         fall=last.fall(lambda: preload_share(status.configuration.drive_model)),
     )
 
