@@ -1,7 +1,8 @@
 """Find how often several numbers of healthy axes, watched together, raise false alarms, against the rate of that chart.
 
 ``python -m benchmarks.together 50 4 indep own c95``: axes of two years, seed, rows. In ``c95`` both numbers follow a
-cause that nobody measures, an autoregression of 0.95 from day to day, each with noise of half its size beside it.
+cause that nobody measures, an autoregression of 0.95 from day to day, each with noise of half its size beside it. In
+``four`` there are four numbers as a calibrated axis has them: of one it is not known which way it goes.
 """
 
 import math
@@ -11,11 +12,12 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.trend.joint import JOINT_SHARE
+from monitor_core.trend.joint import JOINT_SHARE, SESSIONS_PER_NUMBER
 from monitor_core.trend.joint_filter import evidence_of_histories
 
 Array = npt.NDArray[np.float64]
-_DAYS, _BASELINE = 750, 20
+_DAYS = 750
+_SIGNS = {2: (-1.0, -1.0), 4: (-1.0, -1.0, 1.0, 0.0)}
 
 
 def _autoregression(correlation: float, n_axes: int, rng: np.random.Generator) -> Array:
@@ -27,6 +29,11 @@ def _autoregression(correlation: float, n_axes: int, rng: np.random.Generator) -
 
 def _independent(n_axes: int, rng: np.random.Generator) -> Array:
     return rng.normal(size=(n_axes, _DAYS, 2))
+
+
+def _four(n_axes: int, rng: np.random.Generator) -> Array:
+    both = np.stack([_autoregression(0.3, n_axes, rng) for _ in range(4)], axis=-1)
+    return np.asarray(np.einsum("anj,aij->ani", both, rng.normal(size=(n_axes, 4, 4))))
 
 
 def _correlated(n_axes: int, rng: np.random.Generator) -> Array:
@@ -45,7 +52,10 @@ def _common(correlation: float) -> Callable[[int, np.random.Generator], Array]:
     return drawn
 
 
-ROWS = {"indep": _independent, "ar6": _correlated, "own": _each_its_own, "c8": _common(0.8), "c95": _common(0.95)}
+ROWS = {
+    "indep": _independent, "ar6": _correlated, "own": _each_its_own, "c8": _common(0.8), "c95": _common(0.95),
+    "four": _four,
+}  # fmt: skip
 
 
 def main() -> None:
@@ -54,10 +64,11 @@ def main() -> None:
     limit = math.log(365.0 / JOINT_SHARE)
     for row in sys.argv[3:]:
         values = ROWS[row](n_axes, np.random.default_rng([seed, sum(map(ord, row)), 2]))
-        alarmed = evidence_of_histories(values, _BASELINE, limit, (-1.0, -1.0)) > limit
+        baseline = SESSIONS_PER_NUMBER * values.shape[-1]
+        alarmed = evidence_of_histories(values, baseline, limit, _SIGNS[values.shape[-1]]) > limit
         found = alarmed.any(axis=1)
         first = np.where(found, alarmed.argmax(axis=1), _DAYS)
-        expected = float((first - _BASELINE).sum()) * JOINT_SHARE / 365.0
+        expected = float((first - baseline).sum()) * JOINT_SHARE / 365.0
         n = int(found.sum())
         print(f"{row}: {n} alarms, {expected:.1f} expected, {n / expected:.2f} ± {math.sqrt(max(n, 1)) / expected:.2f}")
 
