@@ -20,11 +20,15 @@ def _unit(code: str, symbol: str, name: str) -> ua.EUInformation:
 
 
 NEWTON, MICROMETRE = _unit("NEW", "N", "newton"), _unit("4H", "µm", "micrometre (micron)")
+PERCENT = _unit("P1", "%", "percent")
 #: What each variable is, in words, and in which unit.
 NUMBERS = {
     "Preload": ("preload of the newest measurement", NEWTON),
     "PreloadIntervalLow": ("lower end of its 95 % coverage interval", NEWTON),
     "PreloadIntervalHigh": ("upper end of its 95 % coverage interval", NEWTON),
+    "FrequencyFall": ("fall of the natural frequency below its baseline, without a calibration", PERCENT),
+    "FrequencyFallIntervalLow": ("lower end of its 95 % interval", PERCENT),
+    "FrequencyFallIntervalHigh": ("upper end of its 95 % interval", PERCENT),
     "LostMotion": ("reversal value of the newest reading (ISO 230-2)", MICROMETRE),
     "LostMotionIntervalLow": ("lower end of its 95 % interval", MICROMETRE),
     "LostMotionIntervalHigh": ("upper end of its 95 % interval", MICROMETRE),

@@ -26,6 +26,8 @@ class _Measurement(BaseModel):
     started_at: datetime
     preload_n: float | None = None
     interval_95_n: tuple[float | None, float | None] | None = None
+    frequency_fall_percent: float | None = None  # without a calibration
+    frequency_fall_interval_95_percent: tuple[float | None, float | None] | None = None
     doubts: list[_Doubt] = []
 
 
@@ -127,10 +129,10 @@ def _quality_of_lost_motion(lost: _LostMotion | None) -> ua.StatusCode:
     return ua.StatusCode(ua.StatusCodes.UncertainLastUsableValue if old else ua.StatusCodes.Good)
 
 
-def quality_of(axis: AxisSeen) -> ua.StatusCode:
-    """Return the quality of the preload of an axis: bad without a value, uncertain if it is in doubt or old."""
+def quality_of(axis: AxisSeen, value: float | None) -> ua.StatusCode:
+    """Return the quality of a number of the newest measurement: bad without a value, uncertain if in doubt or old."""
     measured = axis.last_measurement
-    if measured is None or measured.preload_n is None:
+    if measured is None or value is None:
         return ua.StatusCode(ua.StatusCodes.BadNoData)
     if measured.doubts:
         return ua.StatusCode(ua.StatusCodes.UncertainSubNormal)
@@ -140,13 +142,20 @@ def quality_of(axis: AxisSeen) -> ua.StatusCode:
 
 def values_of(axis: AxisSeen) -> dict[str, ua.DataValue]:
     """Return what the variables of an axis hold; an interval that is open has an infinite end."""
-    measured, quality = axis.last_measurement, quality_of(axis)
-    lower, upper = (measured.interval_95_n if measured is not None else None) or (None, None)
-    at = None if measured is None else measured.started_at
+    measured, at = axis.last_measurement, None
+    preload = fall = lower = upper = least = most = None
+    if measured is not None:
+        at, preload, fall = measured.started_at, measured.preload_n, measured.frequency_fall_percent
+        lower, upper = measured.interval_95_n or (None, None)
+        least, most = measured.frequency_fall_interval_95_percent or (None, None)
+    quality, of_fall = quality_of(axis, preload), quality_of(axis, fall)
     return {
-        "Preload": _number(None if measured is None else measured.preload_n, quality, at),
+        "Preload": _number(preload, quality, at),
         "PreloadIntervalLow": _number(0.0 if lower is None else lower, quality, at),
         "PreloadIntervalHigh": _number(math.inf if upper is None else upper, quality, at),
+        "FrequencyFall": _number(fall, of_fall, at),
+        "FrequencyFallIntervalLow": _number(-math.inf if least is None else least, of_fall, at),
+        "FrequencyFallIntervalHigh": _number(math.inf if most is None else most, of_fall, at),
         "State": ua.DataValue(ua.Variant(axis.state, ua.VariantType.String), SourceTimestamp=axis.state_since),
         **_values_of_lost_motion(axis.lost_motion),
     }

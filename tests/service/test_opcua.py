@@ -15,7 +15,7 @@ import pytest
 from asyncua import Client, ua
 
 from service.clock import now, text_of
-from service.gateways.opcua_reading import AxisSeen, quality_of, values_of
+from service.gateways.opcua_reading import AxisSeen, values_of
 from service.gateways.opcua_server import OpcuaSettings, serve_opcua
 from tests.conftest import PROJECT_ROOT, free_port
 from tests.service.brokers import certificate
@@ -188,12 +188,22 @@ def seen(**measured: Any) -> AxisSeen:
     ],
 )  # fmt: skip
 def test_the_quality_says_whether_there_is_a_value_and_whether_it_is_in_doubt(axis: AxisSeen, quality: str) -> None:
-    assert quality_of(axis).name == quality
     values = values_of(axis)
     preload = [name for name in values if name.startswith("Preload")]
     assert {values[name].StatusCode.name for name in preload} == {quality}
     assert values["LostMotion"].StatusCode.name == "BadNoData"  # never measured
     assert (values["Preload"].Value.Value is None) == (quality == "BadNoData")
+    assert values["FrequencyFall"].StatusCode.name == "BadNoData"  # newtons are told
+
+
+def test_an_axis_without_a_calibration_tells_its_fall_in_percent() -> None:
+    fall = {"frequency_fall_percent": 2.1, "frequency_fall_interval_95_percent": [1.8, 2.4]}
+    values = values_of(seen(**fall))
+    told = [values[f"FrequencyFall{end}"].Value.Value for end in ("", "IntervalLow", "IntervalHigh")]
+    assert told == [2.1, 1.8, 2.4]
+    assert values["FrequencyFall"].StatusCode.name == "Good"
+    assert values["Preload"].StatusCode.name == "BadNoData"
+    assert values_of(seen(**fall, doubts=[{"reason": "x"}]))["FrequencyFall"].StatusCode.name == "UncertainSubNormal"
 
 
 def test_an_open_end_of_an_interval_is_infinite() -> None:
