@@ -98,8 +98,12 @@ def _stepped(
     A step forward leads to the zero behind those that lie below, one backward to the last of these: that from the
     place of a zero itself, or that from the place next to it, of another one.
     """
+    leads_to, ends, lengths = np.where(newton > 0.0, below, below + 1), place - newton, np.abs(newton)
+    own = (leads_to == zeros.number) | (lengths <= _AROUND * place)
+    if np.all(own & (zeros.low <= ends) & (ends <= zeros.high)):  # as where each is followed from near by
+        beyond = below >= zeros.number
+        return np.stack([np.where(beyond, np.nan, place), np.where(beyond, place, np.nan)]), ends, lengths
     order = np.lexsort((place, zeros.which))
-    leads_to = np.where(newton > 0.0, below, below + 1)
     most = int(max(np.max(below), np.max(zeros.number))) + 2
     passed = np.maximum.accumulate((zeros.which * most + below)[order])
     behind = np.searchsorted(passed, zeros.which * most + zeros.number)
@@ -108,9 +112,9 @@ def _stepped(
     none |= zeros.which[neighbours] != zeros.which
     low, high = np.where(none, np.nan, place[neighbours])
     sources = np.concatenate([np.arange(place.size)[None], neighbours])
-    ends, lengths = place[sources] - newton[sources], np.abs(newton[sources])
     right = (leads_to[sources] == zeros.number) & (zeros.which[sources] == zeros.which)
-    right[0] |= lengths[0] <= _AROUND * place
+    right[0] |= own
+    ends, lengths = ends[sources], lengths[sources]
     right &= (np.fmax(zeros.low, low) <= ends) & (ends <= np.fmin(zeros.high, high))
     first = np.argmax(right, axis=0)[None]
     found = np.any(right, axis=0)

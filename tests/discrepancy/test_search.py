@@ -301,7 +301,9 @@ def test_a_user_is_told_what_is_being_tried() -> None:
     reported = []
     workspace = Workspace(comparison, LinearAxis(UNCERTAIN, 2), (quantity(1),), progress=reported.append)
     judge_found(workspace, find_steps(workspace))
-    assert reported[:2] == ["0 effects found, screening 1 more", "refitting with quantity-1 (1 of 1)"]
+    assert reported[:3] == [
+        "0 effects found, screening 1 more", "screening quantity-1 (1 of 1)", "refitting with quantity-1 (1 of 1)"
+    ]  # fmt: skip
     assert "1 effect found, screening 0 more" in reported
 
 

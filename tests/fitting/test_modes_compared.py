@@ -20,7 +20,7 @@ from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.fitting.solver.hypothesis_fit import fit
-from monitor_core.models.extended import natural_frequencies, physics_of
+from monitor_core.models.extended import Move, natural_frequencies, physics_of
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.recordings.modal_csv import read_modal_table
 from tests.discrepancy.axes import effects_by_key
@@ -360,3 +360,29 @@ def test_gaps_of_nguyen(table, what) -> None:
     by_logarithm, by_hertz = smallest(table, lambda u: closed_form(table, **values(u)), start)
     assert by_hertz == pytest.approx(published, abs=0.01)
     assert found == pytest.approx(by_logarithm, abs=0.01)
+
+
+# --- slopes ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["bearing_stiffness", "nut_stiffness", "bracket_stiffness", "coupling_stiffness"])
+def test_slopes_are_those_of_the_misfit_itself(name) -> None:
+    """Of an axis, and of errors of its settings."""
+    physics = physics_of(LUMPED)
+    observations = [peak for at in AT for peak in observed([30.0, 250.0, 900.0], at)]
+    comparison = compare_modes(observations, MotorEnd.FREE)
+
+    def moved(share):
+        joints = replace(physics.joints, **{name: getattr(physics.joints, name) * math.exp(share)})
+        return replace(physics, joints=joints)
+
+    (slope,) = comparison.slopes(physics, [Move(moved(-1e-4), moved(1e-4), 2e-4)])
+    difference = (comparison.misfit(moved(1e-4)) - comparison.misfit(moved(-1e-4))) / 2e-4
+    assert np.max(np.abs(difference)) > 1e-3
+    np.testing.assert_allclose(slope, difference, rtol=1e-5, atol=1e-8)
+    misfit = comparison.misfit(physics)
+    by_errors = comparison.condition_errors(physics, misfit)
+    for errors, expected in zip(np.eye(2), by_errors, strict=True):
+        ahead = comparison.shifted(np.tile(1e-2 * errors, (3, 1))).misfit(physics)
+        behind = comparison.shifted(np.tile(-1e-2 * errors, (3, 1))).misfit(physics)
+        np.testing.assert_allclose(expected, (ahead - behind) / 2e-2, rtol=2e-2, atol=1e-8)

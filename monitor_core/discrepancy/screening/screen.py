@@ -13,7 +13,7 @@ uncertain parameter is screened without the tolerance that holds it.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Generic
 
 import numpy as np
@@ -143,13 +143,20 @@ def _beyond_a_ridge(tried: Sequence[tuple[float, FloatArray]], index: int, at_fi
 _FAR_STARTS = (0.4, 1.5, 6.0)  # in scales: where a gap is large, the most promising size may lead into a false minimum
 
 
-def screen(fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> tuple[Screened[Physics], ...]:
+def screen(
+    fitted: Fitted[Physics],
+    effects: Sequence[Effect[Physics]],
+    progress: Callable[[str], None] = lambda _sentence: None,
+) -> tuple[Screened[Physics], ...]:
     """Predict what each effect would gain from where a fit without them stands.
 
     Returned are those that have an answer somewhere, most promising first.
     """
-    projection = Projection(fitted)
-    screened = [result for effect in effects if (result := _screen_effect(fitted, projection, effect)) is not None]
+    projection, screened = Projection(fitted), []
+    for number, effect in enumerate(effects, 1):
+        progress(f"screening {effect.key} ({number} of {len(effects)})")
+        if (result := _screen_effect(fitted, projection, effect)) is not None:
+            screened.append(result)
     return tuple(sorted(screened, key=lambda result: result.predicted_gain, reverse=True))
 
 

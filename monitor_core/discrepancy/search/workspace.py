@@ -250,7 +250,7 @@ class Workspace(Generic[Physics]):
         """Screen everything that could still be added to a fit, once only in each minimum."""
         known = self._known_screening(fitted)
         if known is None:
-            known = screen(fitted, self.remaining(fitted))
+            known = screen(fitted, self.remaining(fitted), self.progress)
             self._screened.append((fitted, known))
         return known
 

@@ -9,7 +9,7 @@ A damping ratio that is stated with a frequency is compared with that of the sam
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -18,14 +18,14 @@ import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import ConditionAxis
-from monitor_core.errors import NotIdentifiableError
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.comparison import AsMeasured, ChangedConditions, Layout, Panel
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.conditions.settings import SettingTolerances, known_mass, setting_of
 from monitor_core.fitting.observations import ModalObservation, conditions_in_order
 from monitor_core.fitting.residuals.natural_frequencies import assign_modes, modal_values
 from monitor_core.models.extended import AxisPhysics, Move, moving_mass
-from monitor_core.models.extended.modes import DriveModes, FollowedModes, omega_slopes, with_damping
+from monitor_core.models.extended.modes import DriveModes, FollowedModes, omega_changes, with_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 #: Misfit of a frequency that no mode of the model comes near: as if it were a quarter too low.
@@ -76,19 +76,36 @@ class ModesComparison(AsMeasured):
 
     def slopes(self, physics: AxisPhysics, moves: Sequence[Move[AxisPhysics]]) -> Sequence[FloatArray | None]:
         """Return the derivatives of the misfit by moves; None of all where a damping ratio was measured."""
-        if np.any(self.damping):
+        axes = [axis for move in moves for axis in (move.ahead, move.behind)]
+        if np.any(self.damping) or any(axis.by_setting for axis in (physics, *axes)):
             return [None] * len(moves)
+        change, slopes = self._change(physics), list[FloatArray | None]()
+        for move in moves:
+            try:
+                ahead, behind = (
+                    0.0 if axis is physics else change(axis, self.conditions) for axis in (move.ahead, move.behind)
+                )
+            except OutsideValidityError:
+                slopes.append(None)
+            else:
+                slopes.append(np.asarray((ahead - behind) / move.distance))
+        return slopes
+
+    def _change(self, physics: AxisPhysics) -> Callable[[AxisPhysics, Sequence[DriveConditions]], FloatArray]:
+        """Return how far the misfit goes to another axis or to other conditions, to first order."""
         ((_, modes, whose),) = self._assigned(physics, self.conditions)
-        ends = [self.motor_end] * len(self.conditions)
-        slopes = omega_slopes(modes, self.conditions, ends, physics, moves)
-        reached = np.where(whose < 0, 1.0, modes.undamped_omega[whose])
-        return [None if slope is None else np.where(whose < 0, 0.0, slope[whose]) / reached for slope in slopes]
+        changes = omega_changes(modes, [self.motor_end] * len(self.conditions), physics, self.conditions)
+        omega = np.append(modes.undamped_omega, 1.0)[whose]  # a missed value stays where it is
+        return lambda axis, conditions: np.append(changes(axis, conditions), 0.0)[whose] / omega
 
     def condition_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
         """Return the change of the misfit by errors of position and preload, shape (2, n_values)."""
         by_position = [self._moved(stated, -_STEP, 0.0) for stated in self.conditions]
         by_preload = [self._moved(stated, 0.0, -_STEP) for stated in self.conditions]
-        return np.asarray((misfit - self._misfits(physics, by_position, by_preload)) / _STEP)
+        if np.any(self.damping) or physics.by_setting:
+            return np.asarray((misfit - self._misfits(physics, by_position, by_preload)) / _STEP)
+        change = self._change(physics)
+        return np.stack([change(physics, moved) / -_STEP for moved in (by_position, by_preload)])
 
     def shifted(self, errors: FloatArray) -> "ModesComparison":
         """Return the comparison with positions and preloads moved by errors in standard deviations."""
@@ -185,8 +202,7 @@ class ModesComparison(AsMeasured):
             misfit[place[there]], whose[place[there]] = misfits[here][there], mode[here][there]
             whose = whose[self.frequency_of]
             if np.any(self.damping):
-                pole = modes.pole[whose]
-                ratio = np.where(whose < 0, 0.0, -pole.real / np.abs(pole))  # none of a mode that is missed
+                ratio = np.append(-modes.pole.real / np.abs(modes.pole), 0.0)[whose]  # none of a mode that is missed
                 misfit = np.where(self.damping, ratio / self.measured - 1.0, misfit)
             yield misfit, modes, whose
 

@@ -21,8 +21,8 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.closed_form import EntireParts, characteristic, entire_parts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.counting import count_below
-from monitor_core.models.extended.physics import AxisPhysics, Move
-from monitor_core.models.extended.settings import axis_at
+from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.settings import alike_in_terms, axis_at, side_by_side
 from monitor_core.models.parameters import scaled_damping
 from monitor_core.models.poles import NumberedZeros, numbered_zeros, zeros_near
 from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency
@@ -47,22 +47,22 @@ class Drives:
 
     def parts(self, omega: NumberArray, condition: Index) -> EntireParts:
         """Return the parts of the drive at frequencies [rad/s], each under its condition."""
-        return entire_parts(self.physics, omega, self.states.at(condition), self.ends.at(condition))
+        return entire_parts(self.physics.at(condition), omega, self.states.at(condition), self.ends.at(condition))
 
     def count(self, omega: FloatArray, condition: Index) -> Index:
         """Return how many natural frequencies lie below, of a drive without damping."""
-        states, ends = self.states.at(condition), self.ends.at(condition)
-        return count_below(self.physics, omega, states, ends, entire_parts(self.physics, omega, states, ends))
+        physics, states, ends = self.physics.at(condition), self.states.at(condition), self.ends.at(condition)
+        return count_below(physics, omega, states, ends, entire_parts(physics, omega, states, ends))
 
     def look(self, omega: FloatArray, condition: Index) -> tuple[Index, FloatArray]:
         """Return the same and Newton's step Δ/Δ', the slope from a place next to the axis, where Δ is real."""
-        states, ends = self.states.at(condition), self.ends.at(condition)
+        physics, states, ends = self.physics.at(condition), self.states.at(condition), self.ends.at(condition)
         aside = _ASIDE * omega
-        parts = entire_parts(self.physics, omega + 1j * aside, states, ends)
+        parts = entire_parts(physics, omega + 1j * aside, states, ends)
         value = np.asarray(characteristic(parts))
         with np.errstate(divide="ignore", invalid="ignore"):
             step = value.real * aside / value.imag
-        return count_below(self.physics, omega, states, ends, parts), step
+        return count_below(physics, omega, states, ends, parts), step
 
     def slope(self, omega: FloatArray, condition: Index) -> FloatArray:
         """Return Δ' of a drive without damping."""
@@ -177,14 +177,22 @@ def drive_modes(
     """
     if not (math.isfinite(highest_frequency) and highest_frequency > 0.0):
         raise OutsideValidityError(f"highest_frequency must be positive and finite; got {highest_frequency} Hz")
+    settings = condition_arrays(conditions)
+    axes = [physics]
     if physics.by_setting:
-        return _modes_by_setting(physics, conditions, motor_ends, highest_frequency, near)
-    states, ends = axis_states(physics, condition_arrays(conditions)), end_masks(motor_ends)
-    undamped = Drives(with_damping(physics, 0.0), states, ends)
-    omega, condition = _undamped(undamped, 2.0 * math.pi * highest_frequency, near)
+        axes = [axis_at(physics, settings.setting(number)) for number in range(len(conditions))]
+        if len(alike_in_terms(axes)) > 1:
+            return _modes_of_each(axes, conditions, motor_ends, highest_frequency, near)
+    states, ends = axis_states(side_by_side(axes), settings), end_masks(motor_ends)
+    undamped = [with_damping(axis, 0.0) for axis in axes]
+    omega, condition = _undamped(Drives(side_by_side(undamped), states, ends), 2.0 * math.pi * highest_frequency, near)
     pole = omega.astype(np.complex128)
-    if omega.size and with_damping(physics, 0.0) != physics:
-        pole = follow_damping(lambda share: Drives(with_damping(physics, share), states, ends), pole, condition)
+    if omega.size and undamped != axes:
+
+        def with_share(share: float) -> Drives:
+            return Drives(side_by_side([with_damping(axis, share) for axis in axes]), states, ends)
+
+        pole = follow_damping(with_share, pole, condition)
     return DriveModes(condition, omega, 1j * pole)
 
 
@@ -210,24 +218,23 @@ class FollowedModes:
         return modes
 
 
-def _modes_by_setting(
-    physics: AxisPhysics,
+def _modes_of_each(
+    axes: Sequence[AxisPhysics],
     conditions: Sequence[DriveConditions],
     motor_ends: Sequence[MotorEnd],
     highest_frequency: float,
     near: Sequence[FloatArray] | None,
 ) -> DriveModes:
-    """Return the modes of an axis that is another one at each setting."""
-    settings = condition_arrays(conditions)
+    """Return the modes of an axis that has other terms at one setting than at another."""
     parts = [
         drive_modes(
-            axis_at(physics, settings.setting(number)),
-            [stated],
-            [end],
+            axis,
+            [conditions[number]],
+            [motor_ends[number]],
             highest_frequency,
-            None if near is None else near[number : number + 1],
+            None if near is None else [near[number]],
         )
-        for number, (stated, end) in enumerate(zip(conditions, motor_ends, strict=True))
+        for number, axis in enumerate(axes)
     ]
     return DriveModes(
         np.concatenate([modes.condition + number for number, modes in enumerate(parts)]),
@@ -236,41 +243,28 @@ def _modes_by_setting(
     )
 
 
-def omega_slopes(
-    modes: DriveModes,
-    conditions: Sequence[DriveConditions],
-    motor_ends: Sequence[MotorEnd],
-    physics: AxisPhysics,
-    moves: Sequence[Move[AxisPhysics]],
-) -> list[FloatArray | None]:
-    r"""Return the derivative of each undamped natural frequency of an axis by each move, shape (n_modes,).
+def omega_changes(
+    modes: DriveModes, motor_ends: Sequence[MotorEnd], physics: AxisPhysics, conditions: Sequence[DriveConditions]
+) -> Callable[[AxisPhysics, Sequence[DriveConditions]], FloatArray]:
+    r"""Return how far the undamped modes of an axis move to another one, or to other conditions, to first order.
 
-    .. math:: \frac{d\omega}{du} = -\frac{\partial\Delta/\partial u}{\partial\Delta/\partial\omega}
+    .. math:: d\omega = -\frac{\Delta(\omega) - \Delta_0(\omega)}{\Delta_0'(\omega)}
 
-    by difference quotients at the modes of the axis itself. None of a move that has no answer under the conditions, and
-    of all where the axis depends on them.
+    at the modes themselves; shape (n_modes,) [rad/s]. None of the axes depends on conditions. The answer raises
+    ``OutsideValidityError`` where the other axis does not go with its conditions.
     """
-    if physics.by_setting or any(move.ahead.by_setting or move.behind.by_setting for move in moves):
-        return [None] * len(moves)
-    states, ends = condition_arrays(conditions), end_masks(motor_ends)
+    ends = end_masks(motor_ends)
 
-    def at_modes(axis: AxisPhysics) -> Drives:
+    def drives(axis: AxisPhysics, under: Sequence[DriveConditions]) -> Drives:
         undamped = with_damping(axis, 0.0)
-        return Drives(undamped, axis_states(undamped, states), ends)
+        return Drives(undamped, axis_states(undamped, condition_arrays(under)), ends)
 
-    def values(axis: AxisPhysics) -> FloatArray:
-        return np.real(characteristic(at_modes(axis).parts(modes.undamped_omega, modes.condition)))
+    def value(of: Drives) -> FloatArray:
+        return np.asarray(np.real(characteristic(of.parts(modes.undamped_omega, modes.condition))))
 
-    here, per_omega = values(physics), at_modes(physics).slope(modes.undamped_omega, modes.condition)
-    slopes: list[FloatArray | None] = []
-    for move in moves:
-        try:
-            ahead, behind = (here if axis is physics else values(axis) for axis in (move.ahead, move.behind))
-        except OutsideValidityError:
-            slopes.append(None)
-        else:
-            slopes.append((behind - ahead) / (move.distance * per_omega))
-    return slopes
+    here = drives(physics, conditions)
+    value_here, slope = value(here), here.slope(modes.undamped_omega, modes.condition)
+    return lambda axis, under: (value_here - value(drives(axis, under))) / slope
 
 
 def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
