@@ -22,7 +22,7 @@ from monitor_core.fitting.comparison import Layout
 from monitor_core.fitting.conditions.groups import has_lines, levels_of, modes_that_stay
 from monitor_core.fitting.evidence import STRONG, VERY_STRONG, EvidenceScale, covariance, least_difference
 from monitor_core.fitting.hold_out import judged_gap
-from monitor_core.fitting.hypothesis import is_size, searched_range
+from monitor_core.fitting.hypothesis import is_size
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.uncertainty import Estimate
 
@@ -352,11 +352,12 @@ def _is_plausible(fitted: Fitted[Physics], index: int, scale: EvidenceScale) -> 
 
 
 def _at_an_end(effect: Effect[Physics], parameter: EffectParameter, value: float) -> bool:
-    """Return whether a parameter stands at an end of where it is sought; at a textbook value it may."""
-    if effect.textbook is not None and abs(value - effect.textbook[parameter.name]) < _AT_THE_END:
+    """Return whether a parameter not sought beyond its range stands at an end of it; at a textbook value it may."""
+    known = effect.textbook is not None and abs(value - effect.textbook[parameter.name]) < _AT_THE_END
+    if (parameter.beyond and parameter is effect.parameters[0]) or known:
         return False
-    lower, upper = searched_range(effect, parameter)
-    return 0.0 <= min(value - lower, upper - value) / (upper - lower) < _AT_THE_END
+    room = min(value - parameter.lower, parameter.upper - value) / (parameter.upper - parameter.lower)
+    return 0.0 <= room < _AT_THE_END
 
 
 def found_parameters(
@@ -384,8 +385,8 @@ def found_parameters(
         alike = [value, *(other[parameter.name] for other in others if parameter.name in other)]
         low, high = min(alike) - 1.959964 * deviation, max(alike) + 1.959964 * deviation
         if at_end := _at_an_end(effect, parameter, value):
-            deviation, lowest, highest = math.inf, *searched_range(effect, parameter)
-            low, high = (low, math.inf) if highest - value < value - lowest else (-math.inf, high)
+            deviation, upwards = math.inf, parameter.upper - value < value - parameter.lower
+            low, high = (low, math.inf) if upwards else (-math.inf, high)
         interval = (
             max(low, 0.0) if parameter.lower == 0.0 else low,
             min(high, 0.0) if parameter.upper == 0.0 else high,
