@@ -10,11 +10,12 @@ from monitor_core.trend.state import TrendStatus
 from service.errors import DataFolderError
 from service.operations.advice import TABLE, read_advice
 from service.operations.monitoring.intake.charts import Uncharted
+from service.store import alarms
 from tests.service.conftest import running_service
 
 HEALTHY = {TrendStatus.NORMAL}
 CODES = {
-    "cause": {*map(str, Cause), "not-examined"},
+    "cause": {*map(str, Cause), "not-examined", alarms.LOST_MOTION},
     "state": {str(state) for state in TrendStatus if state not in HEALTHY},
     "refusal": set(map(str, RejectionReason)),
     "doubt": set(map(str, DoubtReason)),
