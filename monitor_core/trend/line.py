@@ -4,6 +4,7 @@ The charts find changes soon; the line shows what goes on for years, however slo
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -30,9 +31,10 @@ _CHANGE = 3.0
 EVIDENT = math.log(20.0)
 #: Sessions beside a change at least, and places at which it is looked for first.
 _LEAST_BESIDE, _PLACES = 3, 40
-#: Places around the best that it may be at: so many sessions to each side at least, and so many that are not far less
-#: probable join the uncertainty of the line.
-_AROUND, _MOST_PLACES, _LEAST_SHARE = 8, 8, 0.02
+#: Sessions to each side of the best place that it may be at, and quantiles of it that join the uncertainty of the line.
+_AROUND, _N_PLACES = 16, 8
+#: Through more sessions than these a few at the begin do not matter.
+_LONG = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,21 +79,25 @@ def present_trend(sessions: Sequence[Session], prior: Prior | None = None, *, al
     there is a change is known, and only its place is asked for.
     """
     chosen, prior = sessions[-MOST:], prior or Prior()
-    first, places = 0, {0: 1.0}
+    first, places = 0, {0: 1}
     while (found := _last_change(chosen[first:], prior, known=alarmed and not first)) is not None:
         places = {first + place: share for place, share in found.items()}
         first = max(places, key=lambda place: places[place])
     changed_at = chosen[first].started_at if first else None
-    lines = [(share, trend_line(chosen[place:], prior)) for place, share in places.items()]
-    drawn = [(share, line) for share, line in lines if line is not None]
-    of_best = trend_line(chosen[first:], prior)
-    return PresentTrend(changed_at, len(chosen) - first, None if of_best is None else _joined(of_best, drawn))
+    best = trend_line(chosen[first:], prior)
+    n_since = len(chosen) - first
+    if best is None or n_since > _LONG:
+        return PresentTrend(changed_at, n_since, best)
+    drawn = [(places[first], best)]
+    for place, share in places.items():
+        line = None if place == first else trend_line(chosen[place:], prior)
+        drawn += [] if line is None else [(share, line)]
+    return PresentTrend(changed_at, n_since, _joined(best, drawn))
 
 
-def _joined(best: TrendLine, drawn: Sequence[tuple[float, TrendLine]]) -> TrendLine:
+def _joined(best: TrendLine, drawn: Sequence[tuple[int, TrendLine]]) -> TrendLine:
     """Return the line of the best place of a change, with what the place leaves open: moments of the mixture."""
-    share = np.array([share for share, _ in drawn])
-    share /= share.sum()
+    share = np.array([weight for weight, _ in drawn]) / sum(weight for weight, _ in drawn)
     means = np.array([[line.at_end.value, line.slope.value] for _, line in drawn])
     covariances = np.array([
         [[line.at_end.standard_uncertainty**2, line.together], [line.together, line.slope.standard_uncertainty**2]]
@@ -230,8 +236,8 @@ class _Asked:
         return white, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
-def _last_change(sessions: Sequence[Session], prior: Prior, *, known: bool) -> dict[int, float] | None:
-    """Return the numbers of the sessions that a change may be at, with probabilities; None if no change is evident."""
+def _last_change(sessions: Sequence[Session], prior: Prior, *, known: bool) -> dict[int, int] | None:
+    """Return the sessions, by number, that a change may be at, with weights; None if no change is evident."""
     n = len(sessions)
     if n < FEWEST or (asked := _Asked.of(sessions, prior)) is None:
         return None
@@ -250,9 +256,9 @@ def _last_change(sessions: Sequence[Session], prior: Prior, *, known: bool) -> d
     best = at[int(np.argmax(found[1:]))]
     reach = max(_AROUND, step)
     at = [k for k in range(best - reach, best + reach + 1) if _LEAST_BESIDE <= k <= n - _LEAST_BESIDE]
-    share = scipy.special.softmax(likelihood(at)[1:])
-    kept = np.argsort(share)[-_MOST_PLACES:]
-    return {at[i]: float(share[i]) for i in kept if share[i] >= _LEAST_SHARE * share.max()}
+    cumulated = np.cumsum(scipy.special.softmax(likelihood(at)[1:]))
+    quantiles = np.searchsorted(cumulated, (np.arange(_N_PLACES) + 0.5) / _N_PLACES)
+    return Counter(at[min(int(i), len(at) - 1)] for i in quantiles)
 
 
 def _changes(sessions: Sequence[Session]) -> FloatArray:

@@ -192,34 +192,34 @@ class ProjectedPreload:
     upper_n: list[float]
 
 
-def projected_preload(line: TrendLine, calibration: Calibration) -> ProjectedPreload | None:
-    """Project the line as far as it reaches back, and 90 days at most; None where it tells no preload."""
+def projected_preload(line: TrendLine, calibration: Calibration) -> ProjectedPreload:
+    """Project the line as far as it reaches back, and 90 days at most: straight in newtons, as it is drawn."""
+    view, per_feature = line_view(line, calibration), _newtons_per_feature(line, calibration)
     reach = min(line.ended_at - line.started_at, _LONGEST_AHEAD)
-    told: list[tuple[datetime, float, float, float]] = []
-    for step in range(_STEPS):
-        ahead = reach * step / (_STEPS - 1)
-        feature = line.ahead(ahead / timedelta(days=_DAYS_A_YEAR))
-        # the feature falls as the preload rises; where it may be none the preload may be any
-        if feature.value - feature.expanded_uncertainty <= 0.0:
-            break
-        lower, value, upper = (
-            preload_from_feature(feature.value + side * feature.expanded_uncertainty, calibration.coefficients)
-            for side in (1.0, 0.0, -1.0)
-        )
-        told.append((line.ended_at + ahead, value, lower, upper))
-    if not told:
-        return None
+    ahead = [reach * step / (_STEPS - 1) for step in range(_STEPS)]
+    features = [line.ahead(each / timedelta(days=_DAYS_A_YEAR)) for each in ahead]
+    at_end = preload_from_feature(line.at_end.value, calibration.coefficients)
+    value = [at_end + per_feature * (feature.value - line.at_end.value) for feature in features]
+    half = [abs(per_feature) * feature.expanded_uncertainty for feature in features]
     return ProjectedPreload(
-        line_view(line, calibration), [each[0] for each in told], [each[1] for each in told],
-        [each[2] for each in told], [each[3] for each in told],
-    )  # fmt: skip
+        view,
+        [line.ended_at + each for each in ahead],
+        value,
+        [max(v - h, 0.0) for v, h in zip(value, half, strict=True)],
+        [v + h for v, h in zip(value, half, strict=True)],
+    )
+
+
+def _newtons_per_feature(line: TrendLine, calibration: Calibration) -> float:
+    """Return what the preload changes by with the feature, where the line ends: P = (g/k3)^-3."""
+    return -3.0 * preload_from_feature(line.at_end.value, calibration.coefficients) / line.at_end.value
 
 
 def line_view(line: TrendLine, calibration: Calibration | None, changed_at: datetime | None = None) -> LineView:
     """Return the line through the trend in newtons a year, or percent, with the confidence interval of its slope."""
     preload = None if calibration is None else preload_from_feature(line.at_end.value, calibration.coefficients)
-    # preload = (g/k3)^-3; a frequency is g^-1/2
-    per_feature = (-50.0 if preload is None else -3.0 * preload) / line.at_end.value
+    # a frequency is g^-1/2
+    per_feature = -50.0 / line.at_end.value if calibration is None else _newtons_per_feature(line, calibration)
     reach = line.slope.expanded_uncertainty
     lower, upper = sorted(per_feature * (line.slope.value + side * reach) for side in (-1.0, 1.0))
     view = LineView(
