@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import httpx
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import (
@@ -28,7 +27,7 @@ from playwright.sync_api import (
 
 from tests.browser.states import build
 from tests.conftest import canary, free_port
-from tests.service.conftest import Api, ForkedServer, ServerProcess, servers
+from tests.service.conftest import Api, ForkedServer, ServerProcess, client_of, servers
 
 #: No name is resolved: what a page asks of others fails inside the browser. (A route of Playwright's would do it here,
 #: where nothing is answered while a test waits.)
@@ -103,7 +102,7 @@ def sites(folder: Path, states: Path) -> Iterator[Site]:
     shutil.copytree(states, data_dir)
     starting = servers(folder, ForkedServer)
     start, port = next(starting), free_port()
-    with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as http:
+    with client_of(f"http://127.0.0.1:{port}") as http:
         site = Site(start(data_dir, port), Api(http, data_dir), restart=lambda: None)
 
         def restart() -> None:

@@ -3,6 +3,7 @@
 import http.client
 import multiprocessing
 import os
+import ssl
 import subprocess
 import sys
 import tempfile
@@ -159,12 +160,21 @@ def assert_problem(answer: httpx.Response, status: int, name: str) -> dict[str, 
     return problem
 
 
+#: No service here has a certificate; a client of its own would read all of the machine.
+_NO_CERTIFICATES = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+
+
+def client_of(url: str | httpx.URL) -> httpx.Client:
+    """Return a client of a service, with cookies of its own."""
+    return httpx.Client(base_url=url, timeout=60.0, trust_env=False, verify=_NO_CERTIFICATES)
+
+
 @contextmanager
 def running_service(data_dir: Path, **settings: Any) -> Iterator[Api]:
     """Run a service in this process on a free port of the loopback."""
     with (
         embedded_service(Settings(data_dir=data_dir, port=0, **settings)) as url,
-        httpx.Client(base_url=url, timeout=60.0, trust_env=False) as http,
+        client_of(url) as http,
     ):
         yield Api(http, data_dir)
 

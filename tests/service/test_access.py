@@ -25,7 +25,7 @@ from service.operations.access.people import People
 from service.operations.access.scopes import EVERYTHING, ROLES, Scope
 from service.settings import Settings
 from service.store.tables import KeyRow
-from tests.service.conftest import CONFIGURATION
+from tests.service.conftest import CONFIGURATION, client_of
 
 PASSWORD = "correct horse battery"  # noqa: S105 - of nobody
 
@@ -41,7 +41,7 @@ class Closed:
 
     def browser(self) -> httpx.Client:
         """Return another client, with cookies of its own."""
-        return httpx.Client(base_url=self.http.base_url, trust_env=False, timeout=60.0)
+        return client_of(self.http.base_url)
 
     def key(self, *scopes: Scope, axes: tuple[str, ...] | None = None, lasts: timedelta | None = None) -> str:
         """Return the header of a new key."""
@@ -64,7 +64,7 @@ def served(data_dir: Path, **settings: Any) -> Iterator[tuple[FastAPI, httpx.Cli
         patched.setattr(server, "create_app", lambda _settings: app)
         with (
             server.embedded_service(made) as url,
-            httpx.Client(base_url=url, trust_env=False, timeout=60.0) as http,
+            client_of(url) as http,
         ):
             yield app, http
 

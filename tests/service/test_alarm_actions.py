@@ -1,7 +1,10 @@
 """Alarms are commented, shelved and cleared; two people at once; what rests is not told, and is back by itself."""
 
+import shutil
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from pathlib import Path
 
 import pytest
 
@@ -12,18 +15,28 @@ from service.store.database import Database
 from service.store.tables import AlarmRow, NoticeRow
 from tests.browser.states import CONFIGURATION, WORN, measure
 from tests.service.brokers import wait_until
-from tests.service.conftest import Api, assert_problem
+from tests.service.conftest import Api, assert_problem, running_service
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Wear an axis until it alarms; nobody writes into its folder."""
+    folder = tmp_path_factory.mktemp("worn")
+    with running_service(folder) as api:
+        api.register("axis", **CONFIGURATION)
+        api.calibrate("axis")
+        measure(api, "axis", range(9))
+        measure(api, "axis", range(9, 13), WORN)
+    return folder
 
 
 @pytest.fixture
-def alarmed(api: Api) -> tuple[Api, int]:
-    """Wear an axis until it alarms."""
-    api.register("axis", **CONFIGURATION)
-    api.calibrate("axis")
-    measure(api, "axis", range(9))
-    measure(api, "axis", range(9, 13), WORN)
-    (alarm,) = api.http.get("/v1/alarms").json()["alarms"]
-    return api, alarm["id"]
+def alarmed(worn: Path, tmp_path: Path) -> Iterator[tuple[Api, int]]:
+    """Serve a copy of the worn axis, and give the number of its alarm."""
+    shutil.copytree(worn, tmp_path / "var")
+    with running_service(tmp_path / "var") as api:
+        (alarm,) = api.http.get("/v1/alarms").json()["alarms"]
+        yield api, alarm["id"]
 
 
 def post(api: Api, alarm: int, verb: str, **body: object) -> dict:

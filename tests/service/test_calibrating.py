@@ -26,6 +26,7 @@ from monitor_core.uncertainty import Estimate
 from service.documents.map_form import FieldTable, filled_map, map_fields
 from service.operations.calibrating import fit_job
 from service.operations.recordings import file_check
+from tests.conftest import canary
 from tests.identification.test_described_calibration import AXES, SCATTER, Plant
 from tests.recordings.test_drive_signals import drive_log
 from tests.service import stand_in_readers as stand_ins
@@ -277,6 +278,7 @@ def test_one_fit_at_a_time_which_can_be_cancelled(api: Api, monkeypatch: pytest.
     assert wait_for(api, start(api)["id"], "done")["result"]["calibration"] == 1  # the cancelled one stored none
 
 
+@pytest.mark.release
 def test_a_fit_that_a_stop_interrupted_is_done_after_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     started = threading.Event()
     measured_modes = fit_job.measured_modes
@@ -350,7 +352,7 @@ TYPED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "make"), [("run.csv", csv), ("run.tdms", tdms), ("run.mf4", mdf)])
+@pytest.mark.parametrize(("name", "make"), canary([("run.csv", csv), ("run.tdms", tdms), ("run.mf4", mdf)]))
 def test_a_raw_file_is_taken_with_the_form_that_is_proposed(api: Api, tmp_path: Path, name: str, make: Any) -> None:
     make(tmp_path / name)
     number, job = upload(api, (name, (tmp_path / name).read_bytes()))

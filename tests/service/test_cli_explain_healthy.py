@@ -54,6 +54,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.release
 def test_form_of_the_type_is_no_finding(preload: Any, inputs: Path) -> None:
     words = ("explain", inputs / "sound.frf.h5", "--baseline", inputs / "type.toml", "--json")
     assert preload(*words).json()["outcome"] == "unknown"

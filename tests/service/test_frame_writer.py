@@ -273,6 +273,7 @@ def test_process_does_not_outlive_a_service_that_is_killed(tmp_path: Path) -> No
     await_end(process)
 
 
+@pytest.mark.release
 def test_service_is_not_taken_from_the_folder_that_it_is_started_in(tmp_path: Path) -> None:
     """A user's own folder may be called ``service``."""
     (tmp_path / "service").mkdir()

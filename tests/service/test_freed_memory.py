@@ -42,6 +42,7 @@ def new_pages(*, kept: bool) -> int:
     return int(ended.stdout)
 
 
+@pytest.mark.release
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="another C library than glibc")
 def test_freed_memory_is_taken_again_without_new_pages() -> None:
     """Without the setting nearly every page is new each time, which shows that the pattern asks for it."""

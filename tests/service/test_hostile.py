@@ -82,6 +82,7 @@ def test_frame_that_promises_more_than_was_ever_written_is_refused(tmp_path: Pat
 # Encodings
 
 
+@pytest.mark.release
 @given(
     st.lists(
         st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.integers(-(2**60), 2**60), st.just(0.5)),

@@ -135,6 +135,7 @@ def test_joints_from_stored_measurements_are_those_of_the_session(
     assert "got 1600 mm" in failed["error"]
 
 
+@pytest.mark.release
 def test_cancelled_identification_makes_room(shared_api: Api) -> None:
     shared_api.register("cancelled")
     job = start(shared_api, "cancelled", model=TEXT, peaks=published_peaks())

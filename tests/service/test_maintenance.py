@@ -125,6 +125,7 @@ def test_entries_in_any_order_say_the_same(
     assert first == second
 
 
+@pytest.mark.release
 def test_it_makes_no_difference_whether_windows_or_entries_come_first(measured: Path, tmp_path: Path) -> None:
     entries = [
         entry(8.5, note="e0"),

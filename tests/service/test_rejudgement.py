@@ -145,6 +145,7 @@ def test_it_says_what_a_new_service_says_byte_for_byte(service: Api, under_secon
     assert as_bytes(said_of(service)) == as_bytes(before)
 
 
+@pytest.mark.release
 def test_one_that_ended_as_the_service_did_is_not_done_twice(under_first: Path, tmp_path: Path) -> None:
     """Everything stands with its comparison; only that the job is done was not stored any more."""
     shutil.copytree(under_first, tmp_path / "var")
@@ -206,6 +207,7 @@ def test_until_it_is_done_the_old_values_are_stale_and_new_windows_count(
         assert as_bytes(said_of(service)) == as_bytes(said_of(api))
 
 
+@pytest.mark.release
 def test_measurements_that_are_joined_meanwhile_are_judged_as_one(
     service: Api, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -233,6 +235,7 @@ def test_measurements_that_are_joined_meanwhile_are_judged_as_one(
     assert (view["outcome"]["measurement"], round(view["outcome"]["n_averages"])) == ("bridged", 6)
 
 
+@pytest.mark.release
 def test_a_cancelled_one_leaves_everything_as_it_was(service: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     before = said_of(service)
     with held_up(monkeypatch) as go_on:

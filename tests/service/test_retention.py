@@ -265,6 +265,7 @@ def next_purge(api: Api) -> dict[str, Any]:
     return found[0]
 
 
+@pytest.mark.release
 @pytest.mark.usefixtures("history")
 def test_purge_can_be_cancelled_and_a_longer_rule_overtakes_it(tmp_path: Path) -> None:
     stored = stored_names(tmp_path / "var")
@@ -328,6 +329,7 @@ def test_backup_of_a_purged_folder_is_whole(tmp_path: Path) -> None:
         assert detail(api, "day-10-a")["let_go"] is not None
 
 
+@pytest.mark.release
 def test_reading_back_while_a_purge_moves_what_is_read(living: tuple[Api, History]) -> None:
     api, history = living
     expected, wrong, stop = session_of(api, "day-02-a"), list[str](), threading.Event()
@@ -374,6 +376,7 @@ def test_command_line_says_the_same_and_does_the_same(
         assert entry["who"].startswith("command line (")
 
 
+@pytest.mark.release
 def test_pace_is_what_a_year_of_the_same_would_take(tmp_path: Path) -> None:
     """Ten days ago an axis began: one measurement a day since. A year holds 36.5 times as much."""
     with running_service(tmp_path / "var") as api:

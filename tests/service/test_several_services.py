@@ -134,6 +134,7 @@ def at_once(*calls: object) -> list[object]:
         return list(pool.map(made, calls))
 
 
+@pytest.mark.release
 def test_an_alarm_is_acknowledged_once(url: str, windows: list[Window], tmp_path: Path) -> None:
     with services(url, tmp_path, 2) as apis:
         prepare(apis[0])
@@ -397,6 +398,7 @@ def test_nothing_is_written_while_another_service_migrates(url: str, monkeypatch
 # alarms
 
 
+@pytest.mark.release
 def test_alarms_whose_shelf_has_ended_are_brought_back_once(url: str, windows: list[Window], tmp_path: Path) -> None:
     """Each service looks for them, and four more at the same time."""
     with services(url, tmp_path, 2) as apis:
@@ -432,6 +434,7 @@ def test_alarms_whose_shelf_has_ended_are_brought_back_once(url: str, windows: l
 # people
 
 
+@pytest.mark.release
 def test_who_logs_in_at_one_service_is_known_to_the_other(url: str, tmp_path: Path) -> None:
     database = Database(url)
     database.migrate()
