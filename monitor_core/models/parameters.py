@@ -5,7 +5,7 @@ vocabulary; a family's record picks from it, so that a quantity means the same i
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import cache
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -116,8 +116,14 @@ def _names_of_damping(record: type) -> tuple[str, ...]:
 
 
 def scaled_damping(record: _Record, share: float) -> _Record:
-    """Return a record of parameters with a share of each of its dampers and loss factors."""
-    return replace(record, **{name: share * getattr(record, name) for name in _names_of_damping(type(record))})
+    """Return a record of parameters with a share of each of its dampers and loss factors, itself if that is all."""
+    return with_share_of(record, _names_of_damping(type(record)), share)
+
+
+def with_share_of(record: _Record, names: Iterable[str], share: float) -> _Record:
+    """Return a record with a share of each of some numbers, itself where that is the same."""
+    changed = {name: share * value for name in names if (value := getattr(record, name))}
+    return record if not changed or share == 1.0 else replace(record, **changed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

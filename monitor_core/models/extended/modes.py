@@ -23,7 +23,7 @@ from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_s
 from monitor_core.models.extended.counting import count_below
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.extended.settings import alike_in_terms, axis_at, side_by_side
-from monitor_core.models.parameters import scaled_damping
+from monitor_core.models.parameters import scaled_damping, with_share_of
 from monitor_core.models.poles import NumberedZeros, numbered_zeros, zeros_near
 from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency
 
@@ -268,15 +268,14 @@ def omega_changes(
 
 
 def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
-    """Return the axis with a share of each of its dampers and loss factors."""
-    return replace(
-        physics,
-        joints=scaled_damping(physics.joints, share),
-        bodies=scaled_damping(physics.bodies, share),
-        screw=scaled_damping(physics.screw, share),
-        bending=replace(physics.bending, damping_ratio=share * physics.bending.damping_ratio),
-        added=replace(physics.added, **{name: share * getattr(physics.added, name) for name in _RATIOS}),
-    )
+    """Return the axis with a share of each of its dampers and loss factors, itself where that is the same."""
+    joints, bodies = scaled_damping(physics.joints, share), scaled_damping(physics.bodies, share)
+    screw, bending = scaled_damping(physics.screw, share), with_share_of(physics.bending, ("damping_ratio",), share)
+    added = with_share_of(physics.added, _RATIOS, share)
+    before = (physics.joints, physics.bodies, physics.screw, physics.bending, physics.added)
+    if all(part is same for part, same in zip((joints, bodies, screw, bending, added), before, strict=True)):
+        return physics
+    return replace(physics, joints=joints, bodies=bodies, screw=screw, bending=bending, added=added)
 
 
 def _undamped(drives: Drives, highest: float, near: Sequence[FloatArray] | None) -> tuple[FloatArray, Index]:
