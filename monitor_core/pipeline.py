@@ -448,11 +448,21 @@ def advance_feature(
         places_since=since,
         # what a law that is still being learnt makes of it is no number to learn from
         joint=state.joint
-        if state.sums
+        if state.sums or not _carries_as_learnt(conditions, state.baseline_conditions)
         else joint_step(state.joint, _numbers_of(charted, observation, calibration), design, _ways(calibration)),
         sums=() if detector.known is not None else state.sums,
         drive=None if detector.known is not None else state.drive,
     )
+
+
+def _carries_as_learnt(conditions: Conditions, of_baseline: Sequence[Conditions]) -> bool:
+    """Tell whether a payload lies within those of the baseline; all do while there is none.
+
+    What the calibration leaves open of another payload is small beside a session's scatter, but the same in all
+    sessions with it: numbers together would take it for a change that lasts.
+    """
+    payload, seen = conditions.payload_mass or 0.0, [each.payload_mass or 0.0 for each in of_baseline]
+    return not seen or min(seen) <= payload <= max(seen)
 
 
 #: Numbers of a measurement that are watched together, and which way each goes as preload is lost.

@@ -40,11 +40,17 @@ def _fold(days: int, lost_from: int, lost: tuple[float, float], *, friction: boo
     return state
 
 
-def _measured_everywhere(days: int, changed_from: int, change: dict[str, float], seed: int = 4) -> AxisState:
-    """Return the state of an axis whose damping and residue are measured, at any place and payload, by a regression."""
-    rng, state, calibration = np.random.default_rng(seed), AxisState(), bundled_calibration()
+def _measured_everywhere(
+    days: int, changed_from: int, change: dict[str, float], payloads: tuple[tuple[float, ...], ...] = ((0.0, 10.0),) * 2
+) -> AxisState:
+    """Return the state of an axis whose damping and residue are measured anywhere, by a regression.
+
+    It carries the first payloads before the change, and the others after it [kg].
+    """
+    rng, state, calibration = np.random.default_rng(4), AxisState(), bundled_calibration()
     for day in range(days):
-        conditions = Conditions(rng.uniform(0.2, 0.8), rng.choice([0.0, 10.0]), 21.0 + rng.normal())
+        payload = rng.choice(payloads[day >= changed_from])
+        conditions = Conditions(rng.uniform(0.2, 0.8), payload, 21.0 + rng.normal())
         setting = calibration.setting(conditions, 300.0)
         values = {}
         for name in (WitnessName.DAMPING_RATIO, WitnessName.RESIDUE):
@@ -77,6 +83,13 @@ def test_damping_and_residue_are_watched_at_any_place_and_payload_of_a_calibrati
     assert first.number == "residue"
     assert lower < 100.0 * math.expm1(-0.06) < upper
     assert "though not as when preload is lost" in view.sentence
+
+
+@pytest.mark.parametrize(("before", "alarms"), [((0.0,), False), ((0.0, 10.0), True)])
+def test_a_payload_that_the_baseline_has_not_seen_is_not_compared(before: tuple[float, ...], alarms: bool) -> None:
+    """What the calibration has of it is as far off in all sessions: that is no change of the axis."""
+    state = _measured_everywhere(70, 50, {"residue": -0.06}, payloads=(before, (10.0,)))
+    assert (together_view(state.joint, DESIGN).alarm is not None) is alarms
 
 
 def test_an_alarm_names_each_number_with_its_change_and_its_share() -> None:
