@@ -75,12 +75,12 @@ def present_trend(sessions: Sequence[Session], prior: Prior | None = None, *, al
 
     with τ at each session in turn, and the one without a change, the marginal likelihoods are compared, averaged over
     the structures of :func:`trend_line`: what a dependence from day to day or the season may explain is no change. The
-    same is asked of what follows the change, until nothing more is found. Where an alarm stands (``alarmed``) that
-    there is a change is known, and only its place is asked for.
+    same is asked of what follows the change, until nothing more is found. Where an alarm stands (``alarmed``)
+    a change is as likely as none beforehand, no more: what falls steadily from the first session on raises one, too.
     """
     chosen, prior = sessions[-MOST:], prior or Prior()
     first, places = 0, {0: 1}
-    while (found := _last_change(chosen[first:], prior, known=alarmed and not first)) is not None:
+    while (found := _last_change(chosen[first:], prior, 0.0 if alarmed and not first else EVIDENT)) is not None:
         places = {first + place: share for place, share in found.items()}
         first = max(places, key=lambda place: places[place])
     changed_at = chosen[first].started_at if first else None
@@ -236,8 +236,8 @@ class _Asked:
         return white, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
-def _last_change(sessions: Sequence[Session], prior: Prior, *, known: bool) -> dict[int, int] | None:
-    """Return the sessions, by number, that a change may be at, with weights; None if no change is evident."""
+def _last_change(sessions: Sequence[Session], prior: Prior, least: float) -> dict[int, int] | None:
+    """Return the sessions, by number, that a change may be at, with weights; None if the evidence is less."""
     n = len(sessions)
     if n < FEWEST or (asked := _Asked.of(sessions, prior)) is None:
         return None
@@ -251,7 +251,7 @@ def _last_change(sessions: Sequence[Session], prior: Prior, *, known: bool) -> d
     at = list(range(_LEAST_BESIDE, n - _LEAST_BESIDE + 1, step))
     found = likelihood(at)
     evidence = float(scipy.special.logsumexp(found[1:])) - math.log(len(at)) - found[0]
-    if evidence < EVIDENT and not known:
+    if evidence < least:
         return None
     best = at[int(np.argmax(found[1:]))]
     reach = max(_AROUND, step)

@@ -92,6 +92,18 @@ def test_what_may_be_the_season_has_an_interval_that_says_so() -> None:
         assert abs(found.line.slope.value) < found.line.slope.expanded_uncertainty
 
 
+def test_steady_wear_that_raises_an_alarm_keeps_its_rate() -> None:
+    """It falls from the first session on, and thirty days tell its rate; of six, one may look as if it changed."""
+    days, changed = np.arange(30.0), 0
+    for seed in range(6):
+        worn = sessions(0.3 * days + scatter(np.random.default_rng([8, seed]), 30, 0.0), days)
+        found = present_trend(worn, alarmed=True)
+        changed += found.changed_at is not None
+        assert found.line is not None
+        assert abs(found.line.slope.value - 0.3 * YEAR) < 1.5 * found.line.slope.expanded_uncertainty
+    assert changed <= 1
+
+
 def test_healthy_sessions_have_no_change() -> None:
     for seed in range(4):
         values = scatter(np.random.default_rng([5, seed]), 60, 0.6 * (seed % 2))
