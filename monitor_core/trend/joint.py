@@ -152,7 +152,7 @@ class JointEvidence:
     log_evidence: float  # ln R
     limit: float
     changes: tuple[NumberChange, ...]  # by share, the largest first
-    as_loss: bool = True  # they go the ways in which a loss of preload moves them
+    as_loss: bool | None = None  # they go the ways in which a loss of preload moves them; None: not known
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ class StoredRecord(Generic[Record]):
     adapter: TypeAdapter[Record]
     version: int  # of the members that are written now
     remedy: str  # what to do about one that cannot be read
-    added: frozenset[str] = frozenset()  # members with a default that documents of this version may still lack
+    added: frozenset[str] = frozenset()  # members, at any depth, that documents of this version may still lack
     # in place of the adapter, for what JSON does not know
     packed: Callable[[Record], JsonObject] | None = None
     unpacked: Callable[[JsonObject], Record] | None = None
@@ -58,9 +58,7 @@ class StoredRecord(Generic[Record]):
         except ValidationError as error:
             problem = error.errors(include_url=False)[0]
             raise self._refusal(f"at {'/'.join(map(str, problem['loc'])) or 'its root'}: {problem['msg']}") from error
-        written = {
-            name: value for name, value in self._written(record).items() if name in members or name not in self.added
-        }
+        written = _as_of_before(self._written(record), members, self.added)
         if written != members and _members(written) != _members(members):  # alike, as a rule
             raise self._refusal(f"it has other members than version {self.version} has")
         return record
@@ -73,6 +71,17 @@ class StoredRecord(Generic[Record]):
 
     def _refusal(self, reason: str) -> DocumentDamagedError:
         return DocumentDamagedError(f"the stored {self.name} of this axis cannot be read: {reason}; {self.remedy}")
+
+
+def _as_of_before(written: object, members: object, added: frozenset[str]) -> object:
+    """Return what is written without the members that were added since the stored one was, at every depth."""
+    if isinstance(written, dict) and isinstance(members, dict):
+        return {
+            name: _as_of_before(value, members.get(name), added)
+            for name, value in written.items()
+            if name in members or name not in added
+        }
+    return written
 
 
 def _members(document: object) -> object:

@@ -21,6 +21,9 @@ _CALLED = {
     "residue": "residue",
 }  # fmt: skip
 
+#: Whether they go as a loss moves them; older versions did not keep it.
+_AS_LOSS = {True: " as when preload is lost", False: ", though not as when preload is lost", None: ""}
+
 
 class TogetherAlarm(BaseModel):
     """The alarm of the numbers together that stands."""
@@ -91,9 +94,8 @@ def said_of(alarm: JointEvidence) -> str:
             f"{_CALLED[change.name]} {sign}{plus_minus(number.change_percent, half)} % ({100.0 * change.share:.0f} % "
             "of the evidence)"
         )
-    as_loss = " as when preload is lost" if alarm.as_loss else ", though not as when preload is lost"
     return (
-        f"since {alarm.onset:%Y-%m-%d} several numbers together have changed{as_loss}: "
+        f"since {alarm.onset:%Y-%m-%d} several numbers together have changed{_AS_LOSS[alarm.as_loss]}: "
         f"{', '.join(parts)}; the logarithm of the evidence is {alarm.log_evidence:.1f}, its limit {alarm.limit:.1f}"
     )
 

@@ -15,6 +15,7 @@ from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
 from service.documents.axis_sentence import AxisFacts, standing
 from service.documents.together import together_view
+from service.errors import DocumentDamagedError
 from service.operations.monitoring.intake.chart_state import dump_state, load_state
 from tests.test_end_to_end import bundled_calibration
 
@@ -126,3 +127,13 @@ def test_an_axis_whose_numbers_have_changed_together_is_not_told_that_nothing_is
     learning = replace(facts, state="learning", in_force=None, stored=None, preload=None, baseline=None)
     assert "only a natural frequency that falls" in standing(learning).sentence.text  # no preload without newtons
     assert "only a preload that falls" in standing(replace(learning, in_force=1)).sentence.text
+
+
+def test_a_standing_alarm_that_was_stored_before_it_said_which_way_it_goes_is_read_and_says_nothing_of_it() -> None:
+    document = dump_state(_fold(46, 40, (0.03, 0.08)))
+    del document["drive"], document["joint"]["chart"]["alarm"]["as_loss"]
+    sentence = together_view(load_state(document).joint, DESIGN).sentence
+    assert "several numbers together have changed: " in sentence
+    del document["joint"]["chart"]["alarm"]["log_evidence"]
+    with pytest.raises(DocumentDamagedError):
+        load_state(document)

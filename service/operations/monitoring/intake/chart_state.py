@@ -114,7 +114,7 @@ _STATE = StoredRecord(
     _ADAPTER,
     version=10,  # combinations of several numbers are watched
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
-    added=frozenset({"drive"}),
+    added=frozenset({"drive", "as_loss"}),
     packed=_packed,
     unpacked=_unpacked,
 )
