@@ -26,6 +26,7 @@ from monitor_core.spectral import (
     estimate_frf,
     mean_coherence,
     median_misfit,
+    outlying,
     random_error,
     significance_level,
 )
@@ -97,9 +98,6 @@ _PASSES = 3
 _FEWEST_LINES = 3
 #: Share of a window's response that the median response of the windows leaves unexplained, for a gross misfit.
 _GROSS_SHARE = 0.5
-#: A window is outlying if it leaves this many times the median misfit, both in absolute terms (or it would do no harm)
-#: and relative to its own response (or it is merely a strong one): three times in amplitude.
-_OUTLYING = 9.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,18 +161,6 @@ def average_and_fit(
         f"the fit to them would keep {kept.sum()}"
     )
     return replace(answer, warnings=(*answer.warnings, unsettled))
-
-
-def outlying(residual: FloatArray, response: FloatArray, *, least_share: float = 0.0) -> BoolArray:
-    """Tell which windows leave far more unexplained than the others, shape (n_windows,): they are to be refused.
-
-    ``residual`` and ``response`` are sums of squared moduli of what is left of each window and of its response
-    [(m/s²)²]. Windows of which less than ``least_share`` is left are never outlying.
-    """
-    share = residual / np.maximum(response, np.finfo(np.float64).tiny)
-    least = max(_OUTLYING * float(np.median(share)), least_share)
-    flagged: BoolArray = (residual > _OUTLYING * np.median(residual)) & (share > least)
-    return flagged
 
 
 def _first_look(spectra: BandSpectra, gate: ModeGate) -> tuple[Taper, BoolArray, FloatArray]:

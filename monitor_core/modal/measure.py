@@ -127,7 +127,7 @@ def measure_mode(
         n_averages=answer.frf.n_averages,
         n_modes=len(fit.modes),
         tones=fit.tones,
-        warnings=(*answer.warnings, *moved, *distorted, *_warnings(coherence, gate, phase), *mixed),
+        warnings=(*answer.warnings, *moved, *distorted, *_lost(every_line), *_warnings(coherence, gate, phase), *mixed),
         refused_windows=answer.refused,
         frequency_response=_within(answer.frf, lines),
         conditions=conditions,
@@ -372,6 +372,15 @@ def _left_and_gain(answer: AveragedFit) -> tuple[float, float]:
     left = answer.fit.solution.projection.residual / answer.fit.weight
     gain = _within(answer.frf, answer.fit.band).response
     return float(np.mean(np.abs(left) ** 2)), float(np.mean(np.abs(gain) ** 2))
+
+
+def _lost(spectra: BandSpectra) -> tuple[str, ...]:
+    """Say which windows have no excitation that follows their reference (see ``joint_input_output``)."""
+    lost = np.flatnonzero(~spectra.excitation.any(axis=1)) + 1
+    if not lost.size:
+        return ()
+    numbers = ", ".join(map(str, lost))
+    return (f"the excitation does not go with its reference in windows {numbers} of {spectra.n_windows}: not used",)
 
 
 def _warnings(coherence: float, gate: ModeGate, phase: PhaseReference | None) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from monitor_core.spectral.frf import (
     least_leaking_taper as least_leaking_taper,
     mean_coherence as mean_coherence,
     median_misfit as median_misfit,
+    outlying as outlying,
 )
 from monitor_core.spectral.spectra import (
     TAPERS as TAPERS,

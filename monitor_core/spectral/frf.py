@@ -9,7 +9,7 @@ from typing import Literal, assert_never
 
 import numpy as np
 
-from monitor_core.arrays import ComplexArray, FloatArray, SampleArray
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, SampleArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.response import FrequencyResponse
 from monitor_core.spectral.motion import differenced
@@ -28,6 +28,23 @@ def median_misfit(spectra: BandSpectra, taper: Taper) -> tuple[FloatArray, Float
     residual: FloatArray = np.sum(np.abs(y - median * x) ** 2, axis=1, dtype=np.float64)
     response: FloatArray = np.sum(np.abs(y) ** 2, axis=1, dtype=np.float64)
     return residual, response
+
+
+#: A window is outlying if it leaves this many times the median misfit, both in absolute terms (or it would do no harm)
+#: and relative to its own response (or it is merely a strong one): three times in amplitude.
+_OUTLYING = 9.0
+
+
+def outlying(residual: FloatArray, response: FloatArray, *, least_share: float = 0.0) -> BoolArray:
+    """Tell which windows leave far more unexplained than the others, shape (n_windows,): they do not belong.
+
+    ``residual`` and ``response`` are sums of squared moduli of what is left of each window and of its response
+    [(m/s²)²]. Windows of which less than ``least_share`` is left are never outlying.
+    """
+    share = residual / np.maximum(response, np.finfo(np.float64).tiny)
+    least = max(_OUTLYING * float(np.median(share)), least_share)
+    flagged: BoolArray = (residual > _OUTLYING * np.median(residual)) & (share > least)
+    return flagged
 
 
 #: Of the mean power of the lines: what single precision leaves of a line that was not driven lies below.
@@ -168,7 +185,8 @@ def joint_input_output(spectra: BandSpectra, reference: SampleArray, band: tuple
 
     The spectra are those of :func:`~monitor_core.spectral.motion_spectra` in a band [Hz]; the reference, in any unit,
     has the samples of the windows, shape (n_windows, n_samples). A line at which it has no power says nothing: there u'
-    is 0.
+    is 0. So it is in a window whose reference is :func:`outlying` against the excitation, as after a sample that was
+    lost: it cannot be followed, would outweigh the other windows and be coherent with itself.
 
     References
     ----------
@@ -179,7 +197,9 @@ def joint_input_output(spectra: BandSpectra, reference: SampleArray, band: tuple
     """
     steps = differenced(reference, spectra.sample_rate, _DIFFERENCES)
     r = band_spectra(steps, steps, spectra.sample_rate, band).excitation
-    x, y = (lines.astype(np.complex128) for lines in (spectra.excitation, spectra.response))
+    r, x, y = (lines.astype(np.complex128) for lines in (r, spectra.excitation, spectra.response))
+    lost = outlying(np.sum(np.abs(r) ** 2, axis=1), np.sum(np.abs(x) ** 2, axis=1))
+    r = np.where(lost[:, np.newaxis], 0.0, r)
     power, common = np.abs(r) ** 2, r.conj() * x
     power_of_others, common_of_others = power.sum(axis=0) - power, common.sum(axis=0) - common
     has_power = np.all(power_of_others > _LEAST_POWER * np.mean(power_of_others), axis=0)

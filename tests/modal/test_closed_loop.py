@@ -130,3 +130,36 @@ def test_a_reference_that_the_loop_does_not_follow_is_refused_and_not_believed()
     _, current, table = loop.logged(0.3, 200.0, n_windows=12, n_samples=2000, rng=rng, commanded=1.0, friction=0.1)
     windows = with_reference(windows_of(current, table), rng.normal(size=current.shape))
     assert isinstance(measure_mode(windows, band=(100.0, 200.0), gate=ModeGate()), Rejection)
+
+
+@pytest.mark.parametrize("spike", [10.0, 30.0, 100.0])  # times the usual lines
+def test_a_lost_sample_of_a_reference_costs_its_window_and_not_the_measurement(spike: float) -> None:
+    drive, rng = Drive(damping=1.5e-4), np.random.default_rng(12)
+    reference, current, table = SpeedLoop(drive).logged(
+        0.3, 200.0, n_windows=15, n_samples=2000, rng=rng, commanded=1.0, friction=0.1
+    )
+    truth = float(drive.poles(0.3, 200.0)[0])
+    healthy, broken = (
+        measure_mode(
+            with_reference(windows_of(current, table), samples),
+            band=(0.7 * truth, 1.4 * truth),
+            gate=ModeGate(maximum_frequency_uncertainty=0.01),
+            maximum_modes=1,
+        )
+        # a spike of 1 is [1, -2, 1] when it is differenced twice
+        for samples in (reference, reference + spike * _usual_spike(reference))
+    )
+    assert isinstance(healthy, ModalMeasurement)
+    assert isinstance(broken, ModalMeasurement)
+    assert is_covered(broken.mode.frequency, truth)
+    assert broken.mode.frequency.standard_uncertainty < 1.3 * healthy.mode.frequency.standard_uncertainty
+    said = "the excitation does not go with its reference in windows 4 of 15: not used"
+    assert said in broken.warnings
+    assert said not in healthy.warnings
+
+
+def _usual_spike(reference):
+    """Return one sample in the fourth window, as strong as all its window is when both are differenced twice."""
+    spike = np.zeros_like(reference)
+    spike[3, 700] = np.sqrt(np.sum(np.diff(reference[3], 2) ** 2) / 6.0)
+    return spike
