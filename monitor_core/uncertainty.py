@@ -55,7 +55,8 @@ def decimals_of(uncertainty: float) -> int:
 def plus_minus(value: float, uncertainty: float) -> str:
     """Write a value with its uncertainty, of whichever level: two significant digits of that (GUM, 7.2.6).
 
-    Where the uncertainty is 0 or not known the value stands alone, with three digits.
+    Where the uncertainty is 0 or not known the value stands alone, with three digits; where it is less than a computed
+    number can be off, with six.
 
     Examples
     --------
@@ -64,6 +65,8 @@ def plus_minus(value: float, uncertainty: float) -> str:
     """
     if not (math.isfinite(uncertainty) and uncertainty > 0.0 and math.isfinite(value)):
         return f"{value:.3g}"
+    if uncertainty <= _ROUNDING * abs(value):
+        return f"{value:.6g}"
     decimals = decimals_of(uncertainty)
     if decimals > _MOST_DECIMALS:
         digits = max(decimals + math.floor(math.log10(abs(value))), 0) if value else 0
@@ -72,6 +75,8 @@ def plus_minus(value: float, uncertainty: float) -> str:
     return f"{value:.{max(decimals, 0)}f} ± {uncertainty:.{max(decimals, 0)}f}"
 
 
+#: Of a value that is computed, relative [-].
+_ROUNDING = 1e-12
 #: More than these are written with a power of ten.
 _MOST_DECIMALS = 6
 

@@ -216,7 +216,11 @@ WRONG_ATTRIBUTES = {
     "a current": ("excitation_quantity", "current", "excitation_unit: expected 'A'; got 'N.m'"),
     "unknown response": ("response_quantity", "jerk", "'acceleration' or 'velocity' or 'displacement' or"),
     "unknown quantity": ("excitation_quantity", "voltage", "expected 'torque' or 'force' or 'current' or"),
-    "unknown source": ("excitation_source", "guess", "'sensor' or 'drive' or 'commanded'; got 'guess'"),
+    "unknown source": (
+        "excitation_source",
+        "guess",
+        "expected 'sensor' or 'drive' or 'drive-by-reference' or",
+    ),
     "no resolution": ("response_resolution", 0.0, "response_resolution: expected a positive number; got 0.0 m/s2"),
     "unknown direction": ("direction", "up", "expected '+' or '-' or 'both'; got 'up'"),
     "no sample rate": ("sample_rate_hz", None, "sample_rate_hz: expected a number [Hz]; it is missing"),

@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_info
 
 from service.blas_threads import VARIABLES, compute_in_one_thread
 from service.operations.own_process import Progress, Report, in_own_process
-from tests.conftest import canary
 
 #: What an operator's shell may say: more threads than one.
 ELSEWHERE = os.environ | dict.fromkeys(VARIABLES, "2")
@@ -95,12 +94,25 @@ main.main()
     return [(name, threads) for name, threads in json.loads(done.stdout)]
 
 
-@pytest.mark.parametrize("before", canary(["import scipy.linalg", "import numpy", ""]))
+#: Not by canary(): whose module limits the threads, which the last test must not.
+RELEASE = pytest.mark.release
+
+
+@pytest.mark.parametrize(
+    "before", ["import scipy.linalg", pytest.param("import numpy", marks=RELEASE), pytest.param("", marks=RELEASE)]
+)
 def test_the_command_line_computes_in_one_thread(before: str) -> None:
     assert_one_thread(in_the_command_line("pools", before))
 
 
-@pytest.mark.parametrize("ask", canary(["pools_in_own_process", "pools_in_a_pool", "pools_in_a_job"]))
+@pytest.mark.parametrize(
+    "ask",
+    [
+        "pools_in_own_process",
+        pytest.param("pools_in_a_pool", marks=RELEASE),
+        pytest.param("pools_in_a_job", marks=RELEASE),
+    ],
+)
 def test_what_the_command_line_starts_computes_in_one_thread(ask: str) -> None:
     assert_one_thread(in_the_command_line(ask))
 

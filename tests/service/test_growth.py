@@ -148,6 +148,7 @@ def costs(folder: Path, n_measurements: int) -> dict[str, tuple[int, int]]:
     return told
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("short", "long"), [(SHORT, LONG), (SHORT, LONGEST)])
 def test_cost_does_not_grow_with_the_history(tmp_path: Path, short: int, long: int) -> None:
     few, many = costs(tmp_path / "short", short), costs(tmp_path / "long", long)
