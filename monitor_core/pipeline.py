@@ -661,9 +661,15 @@ def calibrate_by_drive(
     """Join what a drive model lets expect with measurements: of preloads that were set, and of one that nobody set.
 
     ``log_preload`` is that of the latter, ln(P/N) (:func:`~monitor_core.preload.with_unset_preload`, which raises where
-    they contradict the prior or carry a payload). One measurement at least.
+    they contradict the prior or carry a payload). One measurement at least, with the motor held as in the prior: with
+    another source of excitation OutsideValidityError is raised.
     """
-    quantity, _, response = _channels(measurements)
+    quantity, source, response = _channels(measurements)
+    if prior.excitation_source is not source:
+        raise OutsideValidityError(
+            f"expected what a drive model says of an excitation from '{source}', as the measurements have it; "
+            f"got it of one from '{prior.excitation_source}'"
+        )
     prior = replace(prior, excitation_quantity=quantity, response_quantity=response)
     unset = [m for m in measurements if m.conditions.preload is None]
     at_set_preload = [m for m in measurements if m.conditions.preload is not None]

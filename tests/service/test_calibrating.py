@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from monitor_core.models.extended import elastic_frequencies
+from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.preload import ModalReading, PreloadEstimate, estimate_preload
-from monitor_core.recording import Session, Window
+from monitor_core.recording import Conditions, ExcitationSource, Session, Window
 from monitor_core.recordings.calibration_file import calibration_from_document
 from monitor_core.recordings.model_file import model_file_text, parse_model
 from monitor_core.recordings.raw.inspection import read_as_proposed
@@ -239,13 +241,32 @@ def test_a_drive_model_calibrates_where_no_preload_is_known(tmp_path: Path) -> N
         assert factors[0] > 1.86**2 > factors[1] > math.exp(2 * 1.96 * 0.05)
 
 
-def windows_of(reading: ModalReading, number: int) -> list[Window]:
+def test_a_drive_model_calibrates_for_the_source_of_the_measurements(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Signals of the drive, whose motor moves freely; the settings of the axis say nothing of it."""
+    monkeypatch.setattr(fit_job, "in_own_process", lambda work, report, _steps: work(report))  # none to be started
+    model = AXES["small"].build()
+    with running_service(tmp_path / "var") as api:
+        settings = CONFIGURATION | {"windows_per_measurement": 4, "search_band_hz": [120, 300]}
+        api.register("axis", **settings | {"drive_model": model_file_text(AXES["small"])})
+        for number, position in enumerate((0.3, 0.5, 0.7)):
+            frequency = elastic_frequencies(model, [DriveConditions(position, 200.0)], MotorEnd.FREE)[0][0]
+            reading = ModalReading(frequency, Conditions(position, 0.0))
+            api.accept("axis", windows_of(reading, number, ExcitationSource.DRIVE))
+        job = wait_for(api, start(api, by_drive_model=True)["id"], "done", "failed")
+        assert job["status"] == "done", job["error"]
+        document = api.http.get("/v1/axes/axis/calibrations/1").json()["document"]
+        assert document["excitation_source"] == "drive"
+
+
+def windows_of(reading: ModalReading, number: int, source: ExcitationSource = ExcitationSource.SENSOR) -> list[Window]:
     """Return four windows of an axis that rings at this frequency."""
     rng, at = np.random.default_rng(number), START + timedelta(minutes=number)
     return [
         simulated_window(
             rng, reading.frequency, started_at=at + timedelta(seconds=2 * i), conditions=reading.conditions,
-            measurement=f"m{number}",
+            measurement=f"m{number}", excitation_source=source,
         )
         for i in range(4)
     ]  # fmt: skip

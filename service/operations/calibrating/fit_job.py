@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import AxisSettings, calibrate_by_drive
+from monitor_core.pipeline import calibrate_by_drive
 from monitor_core.preload import Calibration, CoefficientPrior, expected_frequency, log_preload
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.elements.units import to_millimetres
@@ -148,10 +148,13 @@ class CalibrationJobs:
             measured += [(row.id, modal) for modal in measured_modes(self._database, self._waveforms, settings, [row])]
         job.report(len(rows), total, {})
         if configuration.drive_model is not None and asked.by_drive_model:
-            of_nut = partial(_of_drive, configuration.drive_model, configuration.excitation_source)
+            usable = _usable_by_drive(job.axis_id, [modal for _, modal in measured])
+            # measured as they are, whatever the settings of the axis say: it tells how the motor end is held
+            of_nut = partial(_of_drive, configuration.drive_model, usable[0].excitation_source)
             steps = Progress(len(rows), total)
-            known = in_own_process(of_nut, lambda at: job.report(steps.done, steps.total, {}), steps)
-            fitted = _fitted_by_drive(job.axis_id, settings, [modal for _, modal in measured], known, asked.preload)
+            prior_of_k, usual = in_own_process(of_nut, lambda at: job.report(steps.done, steps.total, {}), steps)
+            at_first = usual if asked.preload is None else log_preload(asked.preload)
+            fitted = calibrate_by_drive(usable, prior_of_k, at_first, settings=settings)
         else:
             fitted = fitted_to(job.axis_id, settings, [modal for _, modal in measured], None, prior=prior)
         at_set_preload = [item for item in measured if item[1].conditions.preload is not None]
@@ -194,26 +197,19 @@ def _newest_maintenance(session: Session, axis_id: str) -> datetime | None:
     return max((epoch.begins_at for epoch in epochs if epoch.begun_by == MAINTENANCE), default=None)
 
 
-def _of_drive(drive_model: str, excitation_source: str, report: Report) -> tuple[CoefficientPrior, Estimate]:
+def _of_drive(drive_model: str, source: ExcitationSource, report: Report) -> tuple[CoefficientPrior, Estimate]:
     """Return what a drive model lets expect of k1…k4, and of ln(P/N): a second of work, in a process of its own."""
     from monitor_core.identification import prior_of_drive, usual_preload_of  # noqa: PLC0415
     from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415
 
     del report
     axis = parse_model(drive_model, "drive_model")
-    return prior_of_drive(axis, ExcitationSource(excitation_source)), usual_preload_of(axis)
+    return prior_of_drive(axis, source), usual_preload_of(axis)
 
 
-def _fitted_by_drive(
-    axis_id: str,
-    settings: AxisSettings,
-    measured: list[ModalMeasurement],
-    known: tuple[CoefficientPrior, Estimate],
-    preload: Estimate | None,
-) -> Calibration:
+def _usable_by_drive(axis_id: str, measured: list[ModalMeasurement]) -> list[ModalMeasurement]:
     # a preload that nobody set says nothing of the payload, so that those with one are left out
     usable = [m for m in measured if m.conditions.preload is not None or not m.conditions.payload_mass]
     if not usable:
         raise nothing_to_fit(axis_id)
-    prior, usual = known
-    return calibrate_by_drive(usable, prior, usual if preload is None else log_preload(preload), settings=settings)
+    return usable
