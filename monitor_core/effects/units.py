@@ -94,9 +94,9 @@ def recorded_unit(name: str, ln_factor: float, deviation: float) -> RecordedUnit
     """Return the units that an effect of this name may stand for.
 
     ``name`` is that of the effect; the ln of recorded over true value comes with its deviation [-]. Units agree whose
-    exact factor is within two standard deviations.
+    exact factor is within two standard deviations; none where the factor is a bound, without a finite deviation.
     """
     quantity, stated, others = _UNITS[name]
     apart = _COVERAGE * math.hypot(deviation, _SENSITIVITY)
-    agreeing = (unit for unit, factor in others.items() if abs(ln_factor - math.log(factor)) <= apart)
+    agreeing = (unit for unit, factor in others.items() if abs(ln_factor - math.log(factor)) <= apart < math.inf)
     return RecordedUnit(quantity, stated, math.exp(ln_factor), tuple(agreeing))

@@ -196,4 +196,5 @@ def test_a_unit_is_said_where_the_factor_is_known_to_be_its_own() -> None:
     assert units(1.0 / 4.4482216152605, 0.05) == ("force in lbf",)
     assert units(1.0 / 9.80665, 0.02) == ("force in kgf", "force in daN")
     assert units(1.0 / 60.0, 0.05) == ()
+    assert units(1e-3, np.inf) == ()  # at an end of its range the factor is a bound
     assert units(1e-3, 0.01) == ("force in kN", "position in mm")
