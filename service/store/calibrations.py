@@ -5,9 +5,10 @@ from datetime import datetime
 from sqlalchemy import Connection, bindparam, select, update
 from sqlalchemy.orm import Session
 
+from monitor_core.errors import RecordingFormatError
 from monitor_core.preload import Calibration
 from monitor_core.recordings.calibration_file import calibration_from_document
-from service.errors import PreconditionError
+from service.errors import DocumentDamagedError, PreconditionError
 from service.store.intake import AxisRecord
 from service.store.lookup import Remembered, existing_of
 from service.store.tables import ActivationRow, AxisRow, CalibrationRow
@@ -38,7 +39,18 @@ def active_calibration(session: Session, axis: AxisRow) -> Calibration | None:
     """Return the calibration in force, as the core's record."""
     if axis.active_calibration_id is None:
         return None
-    return calibration_from_document(get_calibration(session, axis.id, axis.active_calibration_id).document)
+    return _read(session, axis.id, axis.active_calibration_id)
+
+
+def _read(session: Session, axis_id: str, number: int) -> Calibration:
+    document = get_calibration(session, axis_id, number).document
+    try:
+        return calibration_from_document(document)
+    except RecordingFormatError as error:
+        raise DocumentDamagedError(
+            f"calibration {number} of this axis, as it is stored, cannot be read: {error}; restore the backup, or "
+            "activate another calibration"
+        ) from error
 
 
 class CalibrationsInForce:
@@ -58,7 +70,7 @@ class CalibrationsInForce:
 
         def read() -> Calibration:
             with Session(connection) as session:
-                return calibration_from_document(get_calibration(session, axis_id, number).document)
+                return _read(session, axis_id, number)
 
         return self._known.of((axis_id, number), None, read)
 

@@ -1,6 +1,7 @@
 """``/``: the fleet, worst first; ``/wall``: the same in large type, to be read from afar; the forms of trials."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Final, Literal
@@ -13,6 +14,7 @@ from service.api.access import needs
 from service.api.services import Services, ServicesOf
 from service.documents.history import LineView
 from service.documents.stored_measurement import StoredMeasurement
+from service.errors import DocumentDamagedError
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.monitoring.alarms import AlarmView
@@ -145,7 +147,7 @@ def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, Al
                 state=status.state,
                 last=last,
                 share=share,
-                present=None if alarm is None else on.history.of(row.id).line,
+                present=None if alarm is None else _line(on, row.id),
                 open_alarms=status.open_alarms,
                 alarm=None if view is None else view.row.id,
                 shelved_until=None if view is None else view.shelved_until,
@@ -155,6 +157,13 @@ def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, Al
             )
         )
     return lines
+
+
+def _line(on: Services, axis: str) -> LineView | None:
+    """Return the line since the last change; what cannot be read is said on the page of its axis alone."""
+    with suppress(DocumentDamagedError):
+        return on.history.of(axis).line
+    return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,6 +88,30 @@ def test_axis_with_a_damaged_document_is_refused_and_others_go_on(shared_api: Ap
             )  # nothing of the refused request was stored
 
 
+@pytest.mark.parametrize(("table", "column"), [("axes", "monitor_state"), ("calibrations", "document")])
+def test_the_fleet_is_shown_whatever_is_damaged_of_an_axis_with_an_alarm(api: Api, table: str, column: str) -> None:
+    api.register("broken")
+    api.calibrate("broken")
+    api.accept(*measured(api, "broken", 0))
+    evidence = {
+        "at": str(START), "onset": str(START), "preload_n": 250.0, "interval": [240.0, 260.0], "preload_loss_n": 50.0,
+        "baseline_preload_n": 300.0,
+    }  # fmt: skip
+    explanation = {"examined": False, "reason": "no-drive-model", "sentence": "none", "recent": None}
+    with closing(sqlite3.connect(api.data_dir / "preload.db")) as connection:
+        connection.execute(
+            "INSERT INTO alarms (axis_id, measurement_id, kind, raised_at, status, epoch, measured_at, evidence, "
+            "explanation) SELECT axis_id, id, 'preload-loss', started_at, 'active', 1, started_at, ?, ? "
+            "FROM measurements",
+            (json.dumps(evidence), json.dumps(explanation)),
+        )
+        connection.execute(f"UPDATE {table} SET {column} = '{{}}'")  # noqa: S608
+        connection.commit()
+    for path in ("/", "/wall"):
+        assert api.http.get(path).status_code == 200, path
+    assert_problem(api.http.get("/v1/axes/broken/history"), 500, "document-damaged")
+
+
 def test_configuration_and_limits_are_healed_by_sending_them_again(api: Api) -> None:
     api.register("broken")
     for column in ("configuration", "detector_design"):
