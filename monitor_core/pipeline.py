@@ -125,6 +125,11 @@ class AxisState:
     law: ConditionLaw | None = None
     sums: tuple[SessionSums, ...] = ()
 
+    @property
+    def learns_law(self) -> bool:
+        """Whether the next measurement changes the law, of an axis without a calibration."""
+        return self.law is None or bool(self.sums)
+
 
 def search_band(settings: AxisSettings, calibration: Calibration | None, window: Window) -> tuple[float, float]:
     """Tell where the mode of a window is looked for, in hertz.

@@ -13,13 +13,16 @@ import numpy as np
 import pytest
 import scipy.signal
 
+from monitor_core import identification
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisSettings, AxisState, advance, judge_measurement
+from monitor_core.preload import DriveLaw
 from monitor_core.recording import Window
 from monitor_core.recordings.model_file import model_file_text
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import plus_minus
 from service.operations.monitoring.intake.chart_state import load_state
+from service.operations.monitoring.preload_share import drive_law
 from tests.identification.test_described_calibration import AXES, Plant
 from tests.service.conftest import SAMPLE_RATE, START, Api, axial_frequency, simulated_measurement
 from tests.service.test_calibrating import windows_of
@@ -83,6 +86,31 @@ def test_a_drive_model_tells_the_law_of_places_that_an_axis_has_not_shown(api: A
             api.accept(axis, windows)
         seen[axis] = [point["uncharted"] for point in api.trend(axis)]
     assert seen == {"modelled": [None] * 10, "bare": [None] * 9 + ["not-comparable"]}
+
+
+def test_a_drive_model_is_asked_while_nothing_is_locked_and_also_where_it_comes_later(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def law_of_drive(*_: object) -> DriveLaw:
+        with closing(sqlite3.connect(api.data_dir / "preload.db", timeout=0.0)) as other:
+            other.execute("BEGIN IMMEDIATE")  # raises while somebody else writes
+        asked.append(DriveLaw((3e-5, 0.0, 0.0), tuple((1e-8 * np.eye(3)).ravel().tolist())))
+        return asked[-1]
+
+    monkeypatch.setattr(identification, "law_of_drive", law_of_drive)
+    drive_law.cache_clear()
+    for number, model in enumerate(({}, {"drive_model": model_file_text(AXES["large"])})):
+        api.register("axis", windows_per_measurement=10, **model)
+        windows = simulated_measurement(
+            np.random.default_rng(number), f"m{number}", n_windows=10, started_at=START + timedelta(days=number)
+        )
+        api.accept("axis", windows)
+    with closing(sqlite3.connect(api.data_dir / "preload.db")) as connection:
+        ((text,),) = connection.execute("SELECT monitor_state FROM axes WHERE id = 'axis'").fetchall()
+    assert [load_state(json.loads(text)).drive] == asked
+    drive_law.cache_clear()
 
 
 def test_every_page_says_it_in_percent(watched: Api) -> None:

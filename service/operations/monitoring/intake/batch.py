@@ -20,7 +20,7 @@ from service.errors import ConflictError, WaveformDamagedError
 from service.observability import Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.intake.admission import Admission, Measured
-from service.operations.monitoring.intake.charts import too_late
+from service.operations.monitoring.intake.charts import remember_law, too_late
 from service.operations.monitoring.intake.judge import Judged, Settled, judge, settle
 from service.store import intake
 from service.store.calibrations import CalibrationsInForce
@@ -190,6 +190,11 @@ class Batch:
         for measurement in complete:
             with metrics.judging.time():
                 self._judged.append(self._judge(connection, waveforms, measurement))
+        if self._judged and self.calibration is None and self.configuration.drive_model is not None:
+            with reading(connection):
+                charts = intake.read_charts(connection, self.axis)
+            starts = [at for item in self._judged for at in (item.measurement.started_at, *(at for at, _ in item.was))]
+            remember_law(self.axis, charts, min(starts))
 
     def _measured(self, post: Post, *, only_complete: bool = False) -> list[Measured]:
         """Return the measurements that the windows of a request are of, and those that are overdue, each once."""

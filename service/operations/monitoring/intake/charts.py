@@ -23,7 +23,7 @@ from monitor_core.pipeline import (
     inverse_square,
     scatter_with_history,
 )
-from monitor_core.preload import Calibration, PlaceReading, friction_amplification, preload_from_feature
+from monitor_core.preload import Calibration, DriveLaw, PlaceReading, friction_amplification, preload_from_feature
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import ClosedSession, DetectorDesign, closed_session
@@ -129,6 +129,18 @@ def too_late(charts: ChartsRecord, at: datetime) -> bool:
     return (charts.epoch_after is not None and at <= charts.epoch_after) or (
         newest is not None and newest - at > LATEST
     )
+
+
+def remember_law(axis: AxisRecord, charts: ChartsRecord, since: datetime) -> None:
+    """Compute what a drive model says of the law, before a write: charts that are folded from here may learn theirs."""
+    folded_again = charts.last_measured_at is not None and since <= charts.last_measured_at
+    if folded_again or load_state(charts.monitor_state).learns_law:
+        _law_of(axis)
+
+
+def _law_of(axis: AxisRecord) -> DriveLaw | None:
+    configuration = load_configuration(axis.configuration)
+    return drive_law(configuration.drive_model, configuration.excitation_source)
 
 
 def put_in(
@@ -347,10 +359,8 @@ class _Fold:
         charted = point.uncharted is None and _feature_of(point, calibration) is not None
         if charted:
             lubricated = was_lubricated(self._lubricated, before.detector.last_at, point.at)
-            if calibration is None and before.law is None:
-                configuration = load_configuration(self._axis.configuration)
-                law = drive_law(configuration.drive_model, configuration.excitation_source)
-                before = replace(before, drive=law)
+            if calibration is None and before.learns_law:
+                before = replace(before, drive=_law_of(self._axis))
             self._state = _advanced(before, point, calibration, self._design, lubricated=lubricated)
             self._session_of[point.measurement_id] = self._state.places_since
             self._watched.add(self._charts.epoch)
