@@ -22,7 +22,7 @@ from tests.service.conftest import START, Api
 
 #: Of them the first twenty teach the law of the axis, the next twenty what its numbers have in common.
 HEALTHY = 60
-Point = tuple[int, float, float]  # day, frequency [Hz], friction torque [N·m]
+Point = tuple[float, float, float]  # day, frequency [Hz], friction torque [N·m]
 
 
 def wearing(seed: int, days: int) -> list[Point]:
@@ -128,6 +128,24 @@ def test_the_preloads_own_chart_goes_on_with_the_alarm_of_several_numbers(raised
     assert api.axis(axis)["state"] == "alarm"
     api.http.post(f"/v1/alarms/{first['id']}/clear", json={"comment": "new spacer"}).raise_for_status()
     assert api.http.get(f"/v1/axes/{axis}/history").json()["together"]["alarm"] is None
+
+
+def test_late_measurements_change_which_chart_raises_the_alarm_and_not_who_has_seen_it(
+    raised: tuple[Api, str, list[Point]],
+) -> None:
+    api, axis, later = raised
+    (first,) = alarms_of(api, axis)
+    api.http.post(f"/v1/alarms/{first['id']}/acknowledge", json={"comment": "seen"}).raise_for_status()
+
+    def stands(kind: str, reason: str) -> None:
+        (alarm,) = alarms_of(api, axis)
+        assert (alarm["id"], alarm["kind"], alarm["status"]) == (first["id"], kind, "acknowledged")
+        assert alarm["events"][-1]["reason"] == reason
+
+    judge(api, axis, [(HEALTHY - 5.5, 178.0, 0.4), *later])  # the first comes late, with what tips the preload's chart
+    stands("preload-loss", "the preload's own chart raises it now, too")
+    judge(api, axis, [(day + 0.3, 179.5, torque) for day, _, torque in later])  # it was not the frequency that fell
+    stands("several-numbers", "several numbers together raise it, the preload's own chart does not any more")
 
 
 @pytest.mark.parametrize("seed", canary([2, 4]))

@@ -29,6 +29,11 @@ T = TypeVar("T")
 LONGEST_REASON = 1000
 #: What changes alarms that were raised already, unless somebody says otherwise.
 LATE = "a measurement that arrived late"
+#: Why an alarm goes on as one of the other kind.
+_GOES_ON_AS = {
+    alarms.PRELOAD_LOSS: "the preload's own chart raises it now, too",
+    alarms.SEVERAL_NUMBERS: "several numbers together raise it, the preload's own chart does not any more",
+}
 
 
 def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, because_of: str = LATE) -> tuple[str, ...]:
@@ -40,18 +45,14 @@ def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, beca
     new = list[str]()
     with Session(connection) as session:
         for epoch, row, alarm in _paired(session, axis, folded):
-            stands = alarms.newest_in_epoch(session, axis.id, epoch) if alarm is not None and alarm.goes_on else None
-            if row is None and alarm is not None and stands is not None and stands.kind == alarms.SEVERAL_NUMBERS:
-                stands.kind, stands.evidence = alarm.kind, _evidence(axis, alarm)
-                stands.measurement_id, stands.measured_at = alarm.point.measurement_id, alarm.point.at
-                change_alarm(session, stands, stands.status, "the preload's own chart raises it now, too")
-            elif row is None and alarm is not None:
+            if row is None and alarm is not None:
                 new.append(alarm.kind)
                 _raise(session, axis, epoch, alarm, "raised by measurement")
             elif row is not None and alarm is not None:
-                row.epoch = alarm.point.epoch
+                reason = f"{because_of} changed the evidence" if row.kind == alarm.kind else _GOES_ON_AS[alarm.kind]
+                row.epoch, row.kind = alarm.point.epoch, alarm.kind
                 raised_by = alarm.point.measurement_id, alarm.point.at
-                raise_again(session, row, raised_by, _evidence(axis, alarm), because_of)
+                raise_again(session, row, raised_by, _evidence(axis, alarm), reason)
             elif row is not None and epoch in folded.watched:
                 change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the charts raise none")
         session.commit()  # hands it to the connection
@@ -77,13 +78,27 @@ def let_alarms_stand(connection: Connection, axis: AxisRecord, folded: Folded) -
 
 
 def _paired(session: Session, axis: AxisRecord, folded: Folded) -> Iterator[tuple[int, AlarmRow | None, Raised | None]]:
-    """Return the stored alarms of what was folded beside those that the charts raise, in order within each epoch."""
+    """Return the stored alarms of what was folded beside those that the charts raise, in order within each epoch.
+
+    What has none of its own kind is the same as one of the other: people act on one cause once.
+    """
     after = folded.again_after
     earlier = alarms.raised_after(session, axis.id, folded.since_epoch, after) if folded.again else []
     stood = [(_epoch_at(folded, row.measured_at), row) for row in earlier]
+    rows, left = list[tuple[int, AlarmRow]](), list[tuple[int, Raised]]()
     for kind in (alarms.PRELOAD_LOSS, alarms.SEVERAL_NUMBERS):
         raised = [(alarm.point.epoch, alarm) for alarm in folded.raised if alarm.kind == kind]
-        yield from in_order([(epoch, row) for epoch, row in stood if row.kind == kind], raised)
+        for epoch, row, alarm in in_order([(epoch, row) for epoch, row in stood if row.kind == kind], raised):
+            if row is not None and alarm is not None:
+                yield epoch, row, alarm
+            elif row is not None:
+                rows.append((epoch, row))
+            elif alarm is not None:
+                left.append((epoch, alarm))
+    for epoch, row, alarm in in_order(rows, left):
+        stands = alarms.newest_in_epoch(session, axis.id, epoch) if alarm is not None and alarm.goes_on else None
+        from_before = stands if stands is not None and stands.kind == alarms.SEVERAL_NUMBERS else None
+        yield epoch, row or from_before, alarm
 
 
 def in_order(
@@ -113,12 +128,12 @@ def _evidence(axis: AxisRecord, alarm: Raised) -> JsonObject:
 
 
 def raise_again(
-    session: Session, row: AlarmRow, raised_by: tuple[int | None, datetime], evidence: JsonObject, because_of: str
+    session: Session, row: AlarmRow, raised_by: tuple[int | None, datetime], evidence: JsonObject, reason: str
 ) -> None:
     """Let an alarm that charts raise once more rest on what raises it now: number of its measurement, and when."""
     if row.evidence != evidence:
         row.evidence, (row.measurement_id, row.measured_at) = evidence, raised_by
-        change_alarm(session, row, row.status, f"{because_of} changed the evidence")
+        change_alarm(session, row, row.status, reason)
 
 
 def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised, reason: str) -> None:

@@ -357,7 +357,9 @@ def _settle(
                 add_alarm(session, _row(axis, alarm), "raised by lost motion")
             elif row is not None and alarm is not None:
                 row.epoch = epoch
-                raise_again(session, row, (None, alarm.reading.at), alarm.evidence, because_of)
+                raise_again(
+                    session, row, (None, alarm.reading.at), alarm.evidence, f"{because_of} changed the evidence"
+                )
             elif row is not None:
                 change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the chart raises none")
         session.commit()  # hands it to the connection
