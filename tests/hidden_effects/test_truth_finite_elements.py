@@ -395,6 +395,7 @@ def test_a_bent_nut_answers_as_the_spring_that_gaussian_motion_makes_of_it(law, 
     assert np.vdot(expected, seen).real / np.vdot(expected, expected).real == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.release
 def test_smaller_steps_change_friction_hardly():
     torque = random_torque(np.array([0.15]), np.random.default_rng(3))[:, : round(8.0 * SAMPLE_RATE)]
     fed_back = FedBack(2.0, np.array([nut_stiffness(HEALTHY, MIDDLE)]))

@@ -520,6 +520,7 @@ def test_nonlinear_forces_have_settled_where_the_record_begins():
         assert distance(shifted, other) < 1e-3
 
 
+@pytest.mark.release
 def test_solver_gives_the_same_numbers_compiled_or_not(monkeypatch):
     torque, axis = random_torque(1, 256, 4096.0), hidden(guide_friction=2.0, cubic_nut_stiffness=1e13)
     monkeypatch.setattr(wave_forces, "LEAD_IN", 0.0)
