@@ -230,7 +230,8 @@ class Window:
                     f"position must have as many samples as the excitation ({self.excitation.size}); "
                     f"got shape {self.position_trace.shape}"
                 )
-        if self.excitation_source is ExcitationSource.DRIVE_BY_REFERENCE:
+        # of another source it would make H1 another estimate, which no calibration of that source could tell
+        if self.source is ExcitationSource.DRIVE_BY_REFERENCE and self.excitation_source is not ExcitationSource.DRIVE:
             raise InvalidWindowError(f"excitation_source must be drive, with a reference; got {self.excitation_source}")
         if self.reference is not None:
             object.__setattr__(self, "reference", read_only_samples(self.reference))
@@ -266,8 +267,7 @@ class Window:
     @property
     def source(self) -> ExcitationSource:
         """What a calibration must be of: with a reference, the drive's torque shows the axis without its loop."""
-        by_reference = self.reference is not None and self.excitation_source is ExcitationSource.DRIVE
-        return ExcitationSource.DRIVE_BY_REFERENCE if by_reference else self.excitation_source
+        return self.excitation_source if self.reference is None else ExcitationSource.DRIVE_BY_REFERENCE
 
     @property
     def placed(self) -> "Placed":

@@ -79,7 +79,9 @@ class WindowIn(StatedOfWindow):
     )
     position_trace_m: Samples | None = None
     reference: Samples | None = Field(
-        default=None, description="what the control commanded meanwhile, such as the set-point of the speed; any unit"
+        default=None,
+        description="what the control was told from outside of its loop, such as the set-point of the position; "
+        "any unit; of source drive only",
     )
     direction: Literal["+", "-", "both"] = "both"
 

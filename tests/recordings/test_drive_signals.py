@@ -197,6 +197,8 @@ def test_a_reference_goes_with_its_windows_through_a_map_and_a_session_file(tmp_
     assert "reference" in {channel.name for channel in check_file(tmp_path / "log.session.h5").channels}
     assert imported(raw, MAP).session.windows[0].reference is None
     assert "expected a unit, of any quantity; got 'furlong'" in refusal(raw, text.replace("rpm", "furlong"))
+    of_sensor = refusal(raw, text.replace('source = "drive"', 'source = "sensor"'))
+    assert of_sensor == "log.npz: excitation_source must be drive, with a reference; got sensor"
     measured = MAP.replace("position_mm = 100\n", "").replace(
         "[window]",
         """
@@ -308,6 +310,20 @@ def test_a_set_point_is_proposed_as_a_reference_and_what_the_controller_makes_of
     assert "reference" not in tomllib.loads(filled_map(tables, values))  # to be confirmed
     filled_in = tomllib.loads(filled_map(tables, values | examples))
     assert filled_in["reference"] == {"channel": "pos_set [mm]", "unit": "mm"}
+
+
+@pytest.mark.parametrize("name", ["Device1/SetPos [mm]", "Flags/Pos.cmd [mm]", "Lage_soll [mm]"])
+def test_a_name_that_only_holds_letters_of_an_error_is_still_a_set_point(name):
+    signals = {"iq [A]": CURRENT, "scale [um]": TABLE}
+    assert f"{name!r} as [reference] takes off" in proposal_of(**signals, **{name: TABLE})
+    for error in ("pos_err_ref [mm]", "PosLag.cmd [mm]", "Lagefehler [mm]", "pos set deviation [mm]"):
+        assert "as [reference]" not in proposal_of(**signals, **{error: TABLE})
+
+
+def test_a_set_point_of_a_speed_is_proposed_with_the_caution_that_a_cascade_makes_it():
+    text = proposal_of(**{"iq [A]": CURRENT, "scale [um]": TABLE, "n_set [rpm]": ANGLE})
+    assert "does to it, unless a position controller makes this speed" in text
+    assert "does to the frequency, unless a position controller makes this speed" in text
 
 
 def test_a_motor_beside_the_scale_is_a_table_of_the_form_that_may_be_left_out_or_filled_in():

@@ -69,6 +69,7 @@ _SAID_BY_UNIT = frozenset((
     (ChannelKind.SPEED, ChannelKind.VELOCITY),
 ))  # fmt: skip
 _PLANNED = re.compile(r"set|soll|target|ref|c(omman|m)d|error|fehler|nom", re.IGNORECASE)
+_ERROR = re.compile(r"^err|err(or)?$|fehler|^(dev|diff|lag)$|^(deviat|differ)")  # of a word: not "Device", "Lage"
 _IN_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
 _ENDING = re.compile(
     r"[_ ]((?:m|mm|um|in|rad|deg|rev)[_/](?:s|min)|(?:[a-zA-Z]+\d?)(?:_s2|ps2|/s2|/s\^2|/s²)?)$", re.IGNORECASE
@@ -242,6 +243,11 @@ def is_planned(name: str) -> bool:
 def is_of_motor(name: str) -> bool:
     """Tell whether a name is that of something the motor does, and not the table."""
     return any(word.startswith(("motor", "rotor")) for word in _words(name))
+
+
+def is_error(name: str) -> bool:
+    """Tell whether a name is that of what a control lacks of its set point."""
+    return any(_ERROR.search(word) for word in _words(name))
 
 
 @np.errstate(over="ignore", invalid="ignore")

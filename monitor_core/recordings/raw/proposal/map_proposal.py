@@ -43,7 +43,7 @@ from monitor_core.recordings.raw.proposal.sampling import (
     text_times,
     time_tables,
 )
-from monitor_core.recordings.raw.proposal.signals import Signals, quantity_of, signals_in, what_they_show
+from monitor_core.recordings.raw.proposal.signals import Signals, caution_of, quantity_of, signals_in, what_they_show
 from monitor_core.recordings.raw.stated_numbers import rate_of_numbers
 from monitor_core.recordings.raw.text.layout import TextLayout
 
@@ -127,6 +127,7 @@ def _session_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Ch
         yield MapTable("position", travel, "measured travel; without it, position_mm in [window]")
     if signals.reference is not None:
         remark = "a set-point that the control follows: takes off what its loop does to the frequency"
+        remark += caution_of(signals.reference)
         yield MapTable("reference", tuple(_reference_lines(signals.reference)), remark, optional=True)
     used = [*signals.known, *([] if position is None else [position])]
     yield from time_tables(times, used, channels)

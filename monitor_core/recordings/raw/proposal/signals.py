@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from monitor_core.recording import ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.recordings.elements.units import Quantity, quantity_of_unit
-from monitor_core.recordings.raw.channel_kind import DRIVES, ChannelKind, is_of_motor, is_planned
+from monitor_core.recordings.raw.channel_kind import DRIVES, ChannelKind, is_error, is_of_motor, is_planned
 from monitor_core.recordings.raw.proposal.parts import Part, first_like
 
 _WORDS_OF_SENSOR = ("sensor", "cell", "hammer", "transduc", "screw", "shaft", "load")
@@ -23,7 +23,6 @@ _MOTOR_OF = re.compile(r"mot|rotor|_m\b", re.IGNORECASE)
 _REFERENCES: tuple[ChannelKind | None, ...] = (
     ChannelKind.ACCELERATION, ChannelKind.POSITION, ChannelKind.ANGLE, ChannelKind.VELOCITY, ChannelKind.SPEED,
 )  # fmt: skip
-_ERROR = re.compile(r"err|fehler|dev|diff|lag", re.IGNORECASE)
 _PREFERRED = tuple(ResponseQuantity)
 _NAMED = {
     ResponseQuantity.VELOCITY: "the velocity",
@@ -81,8 +80,14 @@ def signals_in(parts: Sequence[Part]) -> Signals:
 def _reference(parts: Sequence[Part], longest: int) -> Part | None:
     """Return what a control was told from outside of its loop: no torque that it asks for itself, and no error."""
     found = [p for p in parts if p.size == longest and p.varies and p.unit and is_planned(p.channel.name)]
-    found = [part for part in found if part.kind in _REFERENCES and not _ERROR.search(part.channel.name)]
+    found = [part for part in found if part.kind in _REFERENCES and not is_error(part.channel.name)]
     return min(found, key=lambda part: _REFERENCES.index(part.kind), default=None)
+
+
+def caution_of(reference: Part) -> str:
+    """Say when a set-point is no reference: that of a speed is often made by the controller of the position."""
+    of_speed = reference.kind in (ChannelKind.VELOCITY, ChannelKind.SPEED)
+    return ", unless a position controller makes this speed" if of_speed else ""
 
 
 def what_they_show(signals: Signals) -> str:
@@ -96,6 +101,7 @@ def what_they_show(signals: Signals) -> str:
         loop = "; what the control loop does to the frequency stays unknown without a set-point beside them"
     elif signals.reference is not None:
         loop = f"; {signals.reference.channel.name!r} as [reference] takes off what the control loop does to it"
+        loop += caution_of(signals.reference)
     shown = f"no acceleration: natural frequency, damping and, with a calibration, preload from {response} and"
     if excited is ExcitationQuantity.CURRENT:
         lacking = "the torque constant is not stated"
