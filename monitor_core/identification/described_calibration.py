@@ -94,19 +94,23 @@ def law_of_drive(
     """Return what a drive model alone says of how 1/f² follows the position, of a nut that nobody measured.
 
     As :func:`prior_of_drive`, over all of the screw but a tenth at each end, each draw with a preload of its own.
+    How badly a quadratic fits a draw joins the covariance, as scatter of the places that it is fitted to.
     """
     usual = usual_log_preload(_rating_of(description))
     drive, n = description.drive(), len(description.uncertain)
     places = np.linspace(*_travel(drive.stated), _PLACES)
-    to_coefficients = np.linalg.pinv(np.vander(places, 3, increasing=True))
+    design = np.vander(places, 3, increasing=True)
+    to_coefficients = np.linalg.pinv(design)
     drawn, end = _draws(n + 1, _DRAWS_OF_LAW), _motor_end(excitation_source)
-    laws = []
+    laws, misfit = [], []
     for ratios, quantile in zip(_drawn_ratios(description.uncertain, drawn[:, :n]), drawn[:, n].tolist(), strict=True):
         preload = math.exp(usual.value + math.sqrt(12.0) * (quantile - 0.5) * usual.standard_uncertainty)
         settings = [DriveConditions(float(x), preload) for x in places]
         model = ExtendedModel(drive.stated, drive.physics(ratios))
-        laws.append(to_coefficients @ _first_elastic(model, settings, end) ** -2.0)
-    covariance = np.cov(np.array(laws).T)
+        level = _first_elastic(model, settings, end) ** -2.0
+        laws.append(to_coefficients @ level)
+        misfit.append(np.sum((level - design @ laws[-1]) ** 2) / (places.size - 3))
+    covariance = np.cov(np.array(laws).T) + float(np.mean(misfit)) * to_coefficients @ to_coefficients.T
     return DriveLaw(tuple(np.mean(laws, axis=0).tolist()), tuple(covariance.ravel().tolist()))
 
 

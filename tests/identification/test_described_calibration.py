@@ -217,6 +217,20 @@ def test_the_law_of_a_drive_covers_places_that_an_axis_has_not_shown(axis: str, 
     assert abs(own.shift(there) - joined.shift(there)) < own.uncertainty(there)
 
 
+def test_a_law_allows_for_what_a_quadratic_leaves_of_a_model_that_is_known_well() -> None:
+    """Its own axis, with parts as stated: each place is within two standard deviations of what another one tells."""
+    known = AxisDescription("receptance", SMALL, dict.fromkeys(SHARES, 1e-6))
+    law, length = law_of_drive(known), SMALL["screw_length_m"]
+    preload = math.exp(usual_preload_of(known).value)
+    first, *others = (frequency_of(SMALL, share * length, preload) ** -2.0 for share in (0.1, 0.25, 0.5, 0.75, 0.9))
+    given = law.given(first, 0.1 * length, (0.1 * length) ** 2)
+    assert given is not None
+    for share, value in zip((0.25, 0.5, 0.75, 0.9), others, strict=True):
+        apart = np.array([(share - 0.1) * length, (share**2 - 0.01) * length**2])
+        deviation = math.sqrt(apart @ given[1] @ apart)
+        assert abs(value - first - apart @ given[0]) < 2.0 * deviation
+
+
 def test_a_drive_of_another_axis_and_a_payload_leave_the_law_alone() -> None:
     drive = law_of_drive(AXES["large"])
     for frequency, payload in ((60.0, 0.0), (200.0, 5.0)):
