@@ -94,6 +94,8 @@ def _half_power_damping(frf: FrequencyResponse, peak: int) -> float:
 
 #: Windows dropped or taken back by the fit change the fit; what has not settled after so many is warned about.
 _PASSES = 3
+#: Peaks that are fitted, one after another, until one stands out: the strongest.
+_MOST_PEAKS = 5
 #: Lines in which a peak can be told: the outermost two have no neighbour.
 _FEWEST_LINES = 3
 #: Share of a window's response that the median response of the windows leaves unexplained, for a gross misfit.
@@ -144,7 +146,7 @@ def average_and_fit(
             RejectionReason.NO_PEAK_IN_BAND,
             f"no significant peak from {band[0]:g} to {band[1]:g} Hz in {kept.sum()} averages",
         )
-        for candidate in strongest_peaks(candidate_peaks(frf, band), cross, gate):
+        for candidate in strongest_peaks(candidate_peaks(frf, band), cross, gate)[:_MOST_PEAKS]:
             fit = _fit_peak(spectra.of_windows(kept), candidate, maximum_modes, band)
             if not (isinstance(fit, Rejection) and fit.reason is RejectionReason.NO_PEAK_IN_BAND):
                 break

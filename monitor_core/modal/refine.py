@@ -148,8 +148,8 @@ def fit_modes(
 
     The un-windowed lines are those of a band wide enough for the fit, which starts at the given frequency [Hz], e.g. a
     candidate peak, and damping ratio, where a factor of three off does no harm. At most one or two modes are fitted.
-    ``FIT_FAILED`` is the rejection if there are too few lines or no optimum near the start, ``NO_PEAK_IN_BAND`` if the
-    excitation explains the response as well without the mode.
+    ``FIT_FAILED`` is the rejection if there are too few lines or no optimum near the start, ``NO_PEAK_IN_BAND`` if
+    neither the response to the excitation nor what the windows ring is explained better with the mode than chance does.
 
     The formal covariance :math:`\tfrac12 (\mathrm{Re}\,J^H J)^{-1}` of the whitened problem is right if the noise is on
     the response alone. Noise on the torque makes it too small; the scatter of the windows' own pulls on the estimate

@@ -5,7 +5,8 @@ import pytest
 import scipy.signal
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.modal import candidate_peaks
+from monitor_core.modal import ModeGate, averaging, candidate_peaks
+from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.response import FrequencyResponse
 from monitor_core.spectral import band_spectra, cross_spectra, estimate_frf
 
@@ -13,7 +14,7 @@ RATE, N_SAMPLES = 1000.0, 1000
 BAND = (100.0, 300.0)
 
 
-def measured(rng, modes, n_windows, noise):
+def response_lines(rng, modes, n_windows, noise):
     x = rng.standard_normal(N_SAMPLES * (n_windows + 1))
     y = np.zeros_like(x)
     for frequency, damping in modes:
@@ -23,7 +24,11 @@ def measured(rng, modes, n_windows, noise):
     y += noise * rng.standard_normal(x.size)
     shape = (n_windows, N_SAMPLES)
     pair = (x[N_SAMPLES:].reshape(shape), y[N_SAMPLES:].reshape(shape))
-    return estimate_frf(cross_spectra(band_spectra(*pair, RATE, (50.0, 400.0))), quantity="accelerance")
+    return band_spectra(*pair, RATE, (50.0, 400.0))
+
+
+def measured(rng, modes, n_windows, noise):
+    return estimate_frf(cross_spectra(response_lines(rng, modes, n_windows, noise)), quantity="accelerance")
 
 
 def test_two_modes_are_the_two_highest_candidates():
@@ -54,3 +59,20 @@ def test_one_average_has_no_candidates_to_offer():
     f = np.arange(100.0, 200.0)
     with pytest.raises(OutsideValidityError, match="at least 2 averages"):
         candidate_peaks(FrequencyResponse(f, 1.0 / (150.0**2 - f**2 + 3j * f), "accelerance"), BAND)
+
+
+def test_of_many_peaks_the_five_strongest_are_fitted(monkeypatch):
+    """Eight modes, none of which may stand out: each fit takes its time."""
+    fitted = []
+
+    def passed_over(spectra, candidate, maximum_modes, band):
+        fitted.append(candidate.frequency)
+        return Rejection(RejectionReason.NO_PEAK_IN_BAND, "as noise")
+
+    monkeypatch.setattr(averaging, "_fit_peak", passed_over)
+    modes = [(frequency, 0.015) for frequency in np.arange(110.0, 300.0, 25.0)]
+    spectra = response_lines(np.random.default_rng(4), modes, 30, 0.05)
+    assert len(candidate_peaks(estimate_frf(cross_spectra(spectra), quantity="accelerance"), BAND)) > 5
+    given = averaging.average_and_fit(spectra, BAND, ModeGate(), lines=BAND, quantity="accelerance", maximum_modes=1)
+    assert isinstance(given, Rejection)
+    assert len(fitted) == 5
