@@ -229,11 +229,13 @@ def _require_entries(top: Fields, kind: MapKind) -> None:
 
 
 def _says_travel(top: Fields) -> bool:
-    """Tell whether the response is of a scale, which says how far the table goes in a window."""
     response = top.values.get("response")
-    return isinstance(response, dict) and (
-        response.get("quantity") == ResponseQuantity.DISPLACEMENT or "motor" in response
-    )
+    return isinstance(response, dict) and _is_of_scale(response.get("quantity"), motor="motor" in response)
+
+
+def _is_of_scale(quantity: object, *, motor: bool) -> bool:
+    """Tell whether a response is of a scale, which says how far the table goes in a window."""
+    return quantity == ResponseQuantity.DISPLACEMENT or motor
 
 
 def _session_map(top: Fields) -> ChannelMap:
@@ -356,7 +358,7 @@ def _text(top: Fields) -> TextLayout | None:
 
 def facts_required(facts: WindowFacts, signals: SessionSignals, where: str) -> None:
     """Refuse windows whose place neither a channel nor the map says; the way of a scale says how far they reach."""
-    travels = signals.response_quantity is ResponseQuantity.DISPLACEMENT or signals.motor is not None
+    travels = _is_of_scale(signals.response_quantity, motor=signals.motor is not None)
     for name, value in (("position_mm", facts.position), ("position_span_mm", facts.position_span)):
         if value is None and not (travels and name == "position_span_mm"):
             raise RecordingFormatError(f"{where}, {name}: expected a number [mm]; it is missing")
