@@ -93,7 +93,9 @@ def _without_alarm(facts: AxisFacts) -> Standing:
             )
         return Standing(Said(text), Said("Measure on as usual, on different days, until the baseline is learnt."))
     if facts.changed_since is not None or facts.state == "alert":
-        return _alerted(facts.alert) if facts.changed_since is None else _changed_together(facts.changed_since)
+        if facts.changed_since is None:
+            return _alerted(facts.alert)
+        return _changed_together(facts.changed_since, alone=facts.state == "alert")
     if facts.in_force is None:
         text = N_("No loss is seen: the natural frequency is as it was learnt, at the same place.")
         return Standing(Said(text), _to_newtons(facts))
@@ -166,16 +168,17 @@ def _what_is_lost(facts: AxisFacts, alarm: OpenAlarm) -> Said:
         return fall_sentence(fall, alarm.onset)
     lost = None if alarm.baseline is None or facts.preload is None else alarm.baseline - facts.preload
     if lost is not None and lost > 0.0 and facts.last_at is not None:
-        return _how_fast(values | {"lost": round(lost)}, None if facts.present is None else facts.present.change_a_day)
+        return _how_fast(values | {"lost": round(lost)}, facts.present, is_silent=facts.is_silent)
     text = N_("Preload is lower than the baseline since %(day)s.")
     if facts.in_force is None:
         text = N_("The natural frequency is lower than the baseline since %(day)s.")
     return Said(text, values)
 
 
-def _how_fast(values: dict[str, Value], change: tuple[float, float] | None) -> Said:
+def _how_fast(values: dict[str, Value], present: LineView | None, *, is_silent: bool) -> Said:
     """Say what was lost, and whether it goes on: a step is no rate, and what is not evident is none."""
-    if change is None:
+    change = None if present is None else present.change_a_day
+    if present is None or change is None:
         text = N_(
             "%(lost)s N of preload were lost since %(day)s; whether it goes on is known after ten sessions, of a week "
             "or more."
@@ -183,9 +186,11 @@ def _how_fast(values: dict[str, Value], change: tuple[float, float] | None) -> S
         return Said(text, values)
     loss, half = -change[0], change[1]
     text = N_("%(lost)s N of preload were lost since %(day)s; now it loses %(rate)s N a day.")
+    if is_silent:
+        text = N_("%(lost)s N of preload were lost since %(day)s; until %(until)s it lost %(rate)s N a day.")
     if loss <= half:
         text = N_("%(lost)s N of preload were lost since %(day)s; that it goes on is not evident: %(rate)s N a day.")
-    return Said(text, values | {"rate": PlusMinus(loss, half)})
+    return Said(text, values | {"rate": PlusMinus(loss, half), "until": present.ended_at})
 
 
 def falls_while_learning(onset: datetime, loss: Loss) -> Said:
@@ -221,11 +226,17 @@ def alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:
     return Said(text, values)
 
 
-def _changed_together(since: datetime) -> Standing:
+def _changed_together(since: datetime, *, alone: bool) -> Standing:
+    """Say that several numbers have changed; ``alone``: the preload is off by itself, too."""
     text = N_(
         "Several numbers together have changed since %(day)s as those of a healthy axis do not; the preload alone does "
         "not show it."
     )
+    if alone:
+        text = N_(
+            "Several numbers together have changed since %(day)s as those of a healthy axis do not; the preload alone "
+            "is off its baseline, too, not enough for an alarm."
+        )
     step = N_("Measure at another position, check nut preload, lubrication and mounting.")
     return Standing(Said(text, {"day": since}), Said(step))
 

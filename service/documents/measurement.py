@@ -159,7 +159,7 @@ def _half(ends: Ends) -> str:
     lower, upper = ends
     if lower is None or upper is None:
         return "open upwards"
-    return f"±{plus_minus(0.0, (upper - lower) / 2.0).partition('±')[2]} N"
+    return f"± {plus_minus(0.0, (upper - lower) / 2.0).partition('± ')[2] or 0} N"
 
 
 #: What the shares of a variance are, for a person; a share that is not named here is shown by its key.

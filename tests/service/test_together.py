@@ -13,7 +13,10 @@ from monitor_core.preload.witnesses import WitnessName
 from monitor_core.recording import Conditions
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
-from service.documents.axis_sentence import AxisFacts, standing
+from service.documents.axis_sentence import AxisFacts, OpenAlarm, standing
+from service.documents.history import LineView
+from service.documents.measurement import if_stated_in_words
+from service.documents.said import in_english
 from service.documents.together import together_view
 from service.errors import DocumentDamagedError
 from service.operations.monitoring.intake.chart_state import dump_state, load_state
@@ -124,6 +127,9 @@ def test_an_axis_whose_numbers_have_changed_together_is_not_told_that_nothing_is
     changed = standing(replace(facts, changed_since=START))
     assert changed.sentence.text.startswith("Several numbers together have changed")
     assert changed.next_step.text.startswith("Measure at another position")
+    assert "preload alone does not show it" in changed.sentence.text
+    alerted = standing(replace(facts, changed_since=START, state="alert"))
+    assert "preload alone is off its baseline, too" in alerted.sentence.text
     learning = replace(facts, state="learning", in_force=None, stored=None, preload=None, baseline=None)
     assert "only a natural frequency that falls" in standing(learning).sentence.text  # no preload without newtons
     assert "only a preload that falls" in standing(replace(learning, in_force=1)).sentence.text
@@ -137,3 +143,24 @@ def test_a_standing_alarm_that_was_stored_before_it_said_which_way_it_goes_is_re
     del document["joint"]["chart"]["alarm"]["log_evidence"]
     with pytest.raises(DocumentDamagedError):
         load_state(document)
+
+
+def test_of_an_axis_that_is_silent_a_rate_is_said_with_the_day_that_it_is_known_until() -> None:
+    line = LineView(
+        preload_at_end_n=240.0, slope_n_per_year=-365.25, interval_95_n_per_year=(-400.0, -330.0),
+        interval_kind="confidence", started_at=START, ended_at=START + timedelta(days=30), n_sessions=30,
+    )  # fmt: skip
+    facts = AxisFacts(
+        state="alarm", is_silent=False, heard_at=START, silent_after_hours=48.0, in_force=1, stored=1, last_at=START,
+        last_refused=None, preload=240.0, baseline=300.0, present=line, alarm=OpenAlarm(START, 300.0, None, None),
+    )  # fmt: skip
+    assert "now it loses 1.000 ± 0.096 N a day" in in_english(standing(facts).sentence)
+    silent = in_english(standing(replace(facts, is_silent=True)).sentence)
+    assert "until 2026-02-04 it lost 1.000 ± 0.096 N a day" in silent
+    assert "now" not in silent
+
+
+def test_an_interval_without_width_is_a_half_of_0() -> None:
+    assert (
+        if_stated_in_words((300.0, 300.0), [(["temperature"], (290.0, 310.0))]) == "± 0 N; with the temperature ± 10 N"
+    )
