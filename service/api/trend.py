@@ -230,7 +230,7 @@ class ProjectionOut(BaseModel):
 
     axis: str
     since: datetime | None
-    n_measurements: Annotated[int, Field(description="sessions: what is measured on a day is one")]
+    n_sessions: Annotated[int, Field(description="what is measured on a day is one")]
     slope_n_per_day: float | None
     interval_95_n_per_day: tuple[float, float] | None = None
     points: list[ProjectedPointOut]
@@ -241,7 +241,7 @@ def get_projection(axis: AxisId, services: ServicesOf) -> ProjectionOut:
     """Project the line through the sessions since the last change of level or slope: empty of too few."""
     projected = services.history.of(axis).projected
     if projected is None:
-        return ProjectionOut(axis=axis, since=None, n_measurements=0, slope_n_per_day=None, points=[])
+        return ProjectionOut(axis=axis, since=None, n_sessions=0, slope_n_per_day=None, points=[])
     change = projected.line.change_a_day or (math.nan, math.nan)
     points = [
         ProjectedPointOut(at=at, preload_n=preload, interval_95_n=(lower, upper))
@@ -252,7 +252,7 @@ def get_projection(axis: AxisId, services: ServicesOf) -> ProjectionOut:
     return ProjectionOut(
         axis=axis,
         since=projected.line.started_at,
-        n_measurements=projected.line.n_sessions,
+        n_sessions=projected.line.n_sessions,
         slope_n_per_day=change[0],
         interval_95_n_per_day=(change[0] - change[1], change[0] + change[1]),
         points=points,
