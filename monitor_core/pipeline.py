@@ -443,6 +443,9 @@ def advance_feature(
         in_doubt=charted.in_doubt or places.disagreement is not None,
         lubricated=charted.lubricated,
     )
+    together = _numbers_of(charted, observation, calibration)
+    if not _numbers_compare(state, charted, value, calibration):
+        together = replace(together, values={})
     detector = step(state.detector, observation, design)
     remembered = (*state.baseline_conditions, conditions)[-MOST_CONDITIONS:]
     return replace(
@@ -452,22 +455,37 @@ def advance_feature(
         places=places,
         places_since=since,
         # what a law that is still being learnt makes of it is no number to learn from
-        joint=state.joint
-        if state.sums or not _carries_as_learnt(conditions, state.baseline_conditions)
-        else joint_step(state.joint, _numbers_of(charted, observation, calibration), design, _ways(calibration)),
+        joint=state.joint if state.sums else joint_step(state.joint, together, design, _ways(calibration)),
         sums=() if detector.known is not None else state.sums,
         drive=None if detector.known is not None else state.drive,
     )
 
 
-def _carries_as_learnt(conditions: Conditions, of_baseline: Sequence[Conditions]) -> bool:
-    """Tell whether a payload lies within those of the baseline; all do while there is none.
+#: Numbers together are compared where they may be off by less than so much of their scatter: at 95 %, what lasts and is
+#: larger is evidence of a change within some sixty sessions.
+SMALL_BESIDE_SCATTER = 0.5
 
-    What the calibration leaves open of another payload is small beside a session's scatter, but the same in all
-    sessions with it: numbers together would take it for a change that lasts.
+
+def _numbers_compare(state: AxisState, charted: ChartedFeature, value: float, calibration: Calibration | None) -> bool:
+    """Tell whether numbers together can be compared with those of the baseline, at this place and with this payload.
+
+    What calibration or law leave open between them is the same in all sessions there: where it is not small beside the
+    scatter, it would be taken for a change that lasts. Friction torque, of which nothing is known beforehand, goes with
+    the rest. What temperature does is learnt with the numbers, and not counted.
     """
-    payload, seen = conditions.payload_mass or 0.0, [each.payload_mass or 0.0 for each in of_baseline]
-    return not seen or min(seen) <= payload <= max(seen)
+    baseline = state.detector.baseline
+    if baseline is None or state.detector.known is None:
+        return True
+    alike = next((each.temperature for each in state.baseline_conditions), None)
+    here, *seen = (replace(each, temperature=alike) for each in (charted.conditions, *state.baseline_conditions))
+    if calibration is None:
+        left_open = [(0.0 if state.law is None else state.law.uncertainty_between(here, seen), baseline.scatter)]
+    else:
+        left_open = [(systematic_uncertainty_between(value, here, seen, calibration), baseline.scatter)]
+        setting, *settings = (calibration.setting(each, calibration.preload.upper) for each in (here, *seen))
+        witnesses = [witness for witness in calibration.witnesses if witness.name in WITNESSED]
+        left_open += [(each.uncertainty_between(setting, settings), each.scatter) for each in witnesses]
+    return all(DEAD_ZONE * each <= SMALL_BESIDE_SCATTER * scatter for each, scatter in left_open)
 
 
 #: Numbers of a measurement that are watched together, and which way each goes as preload is lost.

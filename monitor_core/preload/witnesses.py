@@ -121,6 +121,21 @@ class Witness:
         logarithm = math.log(value) - float(row @ self.coefficients.values)
         return Deviation(logarithm, math.sqrt(variance), self.coefficients.degrees_of_freedom)
 
+    def uncertainty_between(self, setting: Setting, of_baseline: Sequence[Setting]) -> float:
+        """Tell what is left open of ln(expected) against the mean of a baseline, beyond what is among its settings [-].
+
+        As :func:`monitor_core.preload.systematic_uncertainty_between` has it for the frequency: no averaging over
+        measurements removes it. 1.96 times the result covers 95 %.
+        """
+        settings = [*of_baseline, setting]
+        rows = np.array([self._row(each) for each in settings])
+        payloads = (self.payload_exponent or 0.0) * np.log([each.payload_factor for each in settings])
+        apart, of_payload = rows - rows[:-1].mean(axis=0), _PAYLOAD_LAW * (payloads - payloads[:-1].mean())
+        few = scipy.special.stdtrit(self.coefficients.degrees_of_freedom, 0.975) / scipy.special.ndtri(0.975)
+        variance = few**2 * np.einsum("ci,ij,cj->c", apart, self.coefficients.covariance, apart) + of_payload**2
+        *known, here = np.sqrt(np.maximum(variance, 0.0)).tolist()
+        return float(max(0.0, here - max(known)))
+
     @property
     def payload_exponent(self) -> float | None:
         r"""Exponent of the factor :math:`1 + \mu\,\Delta m`, or ``None`` if no payloads have shown it [-]."""

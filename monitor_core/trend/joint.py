@@ -29,7 +29,7 @@ with the normal scores z of the errors and what the filter has left of a unit st
 Aust. N. Z. J. Stat. 58 (2016) 99–119).
 
 A number that a session lacks is taken as the others let it expect, which leaves the combinations of the others; such a
-session teaches nothing.
+session teaches nothing. One without any number goes by: only that it was lubricated is remembered.
 """
 
 import math
@@ -183,6 +183,7 @@ class JointState:
     before: JointChart = JointChart()  # before the session that is going on, ...
     chart: JointChart = JointChart()  # ... and what is said with what it has so far
     missing: tuple[str, ...] = ()  # numbers that the session that is going on lacks
+    uncompared_since: datetime | None = None  # sessions since then have no number that can be compared
 
     @property
     def alarm(self) -> JointEvidence | None:
@@ -214,7 +215,8 @@ def joint_step(
         first_at = at if state.first_at is None else state.first_at
         state = replace(state, first_at=first_at, n_sessions=state.n_sessions + 1)
     session = session.with_observation(observation)
-    state = replace(state, session=session, last_at=at)
+    uncompared_since = None if session.values else state.uncompared_since or at
+    state = replace(state, session=session, last_at=at, uncompared_since=uncompared_since)
     if not state.watching or state.learnt is None:
         return state
     learnt = state.learnt
@@ -247,7 +249,7 @@ def _closed(state: JointState, design: DetectorDesign, loss: Mapping[str, LossDi
     if state.watching and state.learnt is not None:
         chart, belief = _carried(state.before, state.learnt, session, joint_limit(state, design))
         return replace(state, session=None, before=chart, chart=chart, learnt=belief)
-    if session.in_doubt:
+    if session.in_doubt or not session.values:
         return replace(state, session=None)
     settings, learnt = design.settings, state.learnt
     # of numbers that come and go the newest sessions tell which can be watched
@@ -331,7 +333,7 @@ def _carried(
     """Carry chart and belief over a session. Nothing is learnt of one in doubt, nor while an alarm stands."""
     days = (session.started_at - belief.last_at) / DAY
     if not any(name in session.values for name in belief.names):
-        return chart, belief
+        return chart, _with_bank(belief, joint_filter.reopened(_bank(belief))) if session.lubricated else belief
     judged = _judged(belief, session)
     if chart.alarm is not None:
         gone_by = replace(belief, last_at=session.started_at, latest_temperature=session.temperature)

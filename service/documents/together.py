@@ -1,6 +1,7 @@
 """Say what the numbers of an axis that are watched together show."""
 
 import math
+from dataclasses import replace
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING
 
@@ -69,11 +70,20 @@ def together_view(state: JointState, design: DetectorDesign) -> TogetherView:
 
 
 def _sentence(state: JointState, limit: float) -> str:
-    if state.alarm is not None:
-        return said_of(state.alarm)
     if not state.watching or state.learnt is None:
         return "not watched yet: a baseline with two numbers or more in nearly every session is needed"
-    watched, evidence = _listed(state.learnt.names), state.chart.log_evidence
+    if (since := state.uncompared_since) is None:
+        return _shown(state, limit)
+    return (
+        f"not looked at since {since:%Y-%m-%d}, for too much is open of what place and payload do to numbers there; "
+        f"until then: {_shown(replace(state, missing=()), limit)}"
+    )
+
+
+def _shown(state: JointState, limit: float) -> str:
+    if state.alarm is not None:
+        return said_of(state.alarm)
+    watched, evidence = _listed(() if state.learnt is None else state.learnt.names), state.chart.log_evidence
     lacks = f"; the latest session lacks {_listed(state.missing)}, and is judged by the rest" if state.missing else ""
     if evidence is None:
         return f"{watched} are watched together; one more session is needed before they say anything{lacks}"

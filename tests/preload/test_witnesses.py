@@ -136,6 +136,22 @@ def test_regression_gives_known_coefficients_and_textbook_prediction_back() -> N
     assert deviation.score == pytest.approx(stats.norm.isf(p / 2.0), rel=1e-6)
 
 
+def test_uncertainty_between_settings_is_the_scatter_of_that_difference_over_calibrations() -> None:
+    """At 1.96 of it, 95 % of calibrations with the same scatter are no farther off between place, payload and those."""
+    rng = np.random.default_rng(11)
+    settings = [Setting(x, 300.0, factor) for x in (0.2, 0.4, 0.6) for factor in (1.0, 1.2)] * 2
+    baseline, here = [Setting(0.5, 300.0), Setting(0.5, 300.0)], Setting(0.25, 300.0, 1.15)
+    covered = 0
+    for _ in range(400):
+        ln = [-1.0 * math.log(of.payload_factor) + 0.02 * rng.normal() for of in settings]
+        witness = fit_witness(WitnessName.RESIDUE, np.exp(ln).tolist(), settings)
+        assert witness is not None
+        wrong = math.log(witness.expected(here) / witness.expected(baseline[0])) + math.log(1.15)
+        covered += abs(wrong) < 1.96 * witness.uncertainty_between(here, baseline)
+    assert witness.uncertainty_between(baseline[0], baseline) == 0.0
+    assert 0.92 < covered / 400 < 0.98
+
+
 def test_slope_in_theta_is_the_derivative() -> None:
     witness = calibrated(np.random.default_rng(2)).witness(WitnessName.FRICTION_TORQUE)
     assert isinstance(witness, Witness)

@@ -89,11 +89,20 @@ def test_damping_and_residue_are_watched_at_any_place_and_payload_of_a_calibrati
     assert "though not as when preload is lost" in view.sentence
 
 
-@pytest.mark.parametrize(("before", "alarms"), [((0.0,), False), ((0.0, 10.0), True)])
-def test_a_payload_that_the_baseline_has_not_seen_is_not_compared(before: tuple[float, ...], alarms: bool) -> None:
-    """What the calibration has of it is as far off in all sessions: that is no change of the axis."""
-    state = _measured_everywhere(70, 50, {"residue": -0.06}, payloads=(before, (10.0,)))
-    assert (together_view(state.joint, DESIGN).alarm is not None) is alarms
+@pytest.mark.parametrize(
+    ("before", "after", "alarms"),
+    # the last as a mean over windows has it
+    [((0.0,), 10.0, False), ((0.0, 10.0), 10.0, True), ((10.0,), 9.999999999999996, True)],
+)
+def test_a_payload_that_the_baseline_has_not_seen_is_not_compared(
+    before: tuple[float, ...], after: float, alarms: bool
+) -> None:
+    """What the calibration has of it is as far off in all sessions: that is no change, nor is the axis healthy."""
+    state = _measured_everywhere(70, 50, {"residue": -0.06}, payloads=(before, (after,)))
+    view = together_view(state.joint, DESIGN)
+    assert (view.alarm is not None) is alarms
+    assert view.sentence.startswith("not looked at since 2026-02-24") is not alarms
+    assert ("uncompared_since" in dump_state(state)["joint"]) is not alarms  # as documents from before were
 
 
 def test_an_alarm_names_each_number_with_its_change_and_its_share() -> None:

@@ -282,6 +282,20 @@ def test_observations_come_in_time_order_and_are_finite() -> None:
         JointObservation(START, {"a": math.nan})
 
 
+def test_a_lubrication_that_is_told_with_a_session_without_numbers_is_not_forgotten() -> None:
+    """A friction torque that falls with the next session is what fresh grease does, and no change without it."""
+    values = np.random.default_rng(5).normal(size=(80, 2))
+    values[50:, 1] -= 3.0
+    for lubricated in (True, False):
+        state = _watched(values[:50], ("a", "b"))[-1]
+        at = START + 49.9 * DAY
+        state = joint_step(state, JointObservation(at, {}, lubricated=lubricated), DESIGN)
+        assert state.uncompared_since == at
+        state = _watched(values[50:], ("a", "b"), state, begin_at=51)[-1]
+        assert state.uncompared_since is None
+        assert (state.alarm is None) is lubricated
+
+
 def test_measurements_of_one_morning_are_one_session() -> None:
     rng = np.random.default_rng(15)
     state = JointState()

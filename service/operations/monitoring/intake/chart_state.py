@@ -72,6 +72,8 @@ def _packed(state: AxisState) -> JsonObject:
     if as_learnt:
         members["known"] = _AS_LEARNT
     del members["foreseen"]
+    if state.joint.uncompared_since is None:  # as in documents from before it was known
+        del document["joint"]["uncompared_since"]
     for name in _OF_JOINT:
         member = document["joint"][name]
         if member is not None:
