@@ -4,14 +4,16 @@ import re
 from collections.abc import Sequence
 from datetime import timedelta
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 import preload_client
-from monitor_core.pipeline import inverse_square
+from monitor_core.pipeline import advance_feature, inverse_square
 from monitor_core.uncertainty import Estimate
 from service.operations.monitoring.alarm_changes import settle_alarms
+from service.operations.monitoring.intake import charts
 from service.operations.monitoring.intake.charts import put_in
 from service.store import intake
 from service.store.database import Database
@@ -146,6 +148,21 @@ def test_late_measurements_change_which_chart_raises_the_alarm_and_not_who_has_s
     stands("preload-loss", "the preload's own chart raises it now, too")
     judge(api, axis, [(day + 0.3, 179.5, torque) for day, _, torque in later])  # it was not the frequency that fell
     stands("several-numbers", "several numbers together raise it, the preload's own chart does not any more")
+
+
+def test_a_late_measurement_folds_from_the_last_checkpoint_however_long_the_alarm_stands(
+    raised: tuple[Api, str, list[Point]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    api, axis, later = raised
+    rng, first = np.random.default_rng(3), int(later[0][0])
+    lasting = [(day, 178.0 + 0.5 * rng.normal(), 0.35 + 0.008 * rng.normal()) for day in range(first, first + 110)]
+    judge(api, axis, lasting)
+    steps = Mock(wraps=advance_feature)
+    monkeypatch.setattr(charts, "advance_feature", steps)
+    judge(api, axis, [(first + 109.5, 178.0, 0.35), (first + 108.5, 178.0, 0.35)])
+    assert [alarm["kind"] for alarm in alarms_of(api, axis)] == ["several-numbers"]
+    assert api.http.get(f"/v1/axes/{axis}/history").json()["together"]["alarm"] is not None
+    assert 0 < steps.call_count <= charts.CHECKPOINT_EVERY + 2
 
 
 @pytest.mark.parametrize("seed", canary([2, 4]))

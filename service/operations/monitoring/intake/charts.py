@@ -13,6 +13,7 @@ from datetime import datetime, timedelta
 from enum import StrEnum
 
 from sqlalchemy import Connection
+from sqlalchemy.orm import Session
 
 from monitor_core.pipeline import (
     AxisState,
@@ -242,8 +243,8 @@ class _Fold:
         )
         self._return_to(epoch, first)
         together = self._state.joint.alarm
-        # to before it was raised, as far as there are checkpoints, so that it is still known which alarm goes on
-        if together is not None and (limit is None or together.onset > limit):
+        # as far as there are checkpoints to before it was raised: it may be what is left of one that the preload has
+        if together is not None and (limit is None or together.onset > limit) and self._has_gone_on():
             self._return_to(epoch, together.onset)
         self._forget_since(self._begun_after, newest)
         self._old = points_after(connection, number, self._charts.epoch, self._begun_after, since)
@@ -321,6 +322,14 @@ class _Fold:
             epoch_from=epoch_from,
         )  # fmt: skip
         self._note_calibration()
+
+    def _has_gone_on(self) -> bool:
+        """Tell whether later in the epoch the preload's own chart went on with the alarm of several numbers."""
+        if self._state.detector.alarm is not None:
+            return False
+        with Session(self._connection) as session:
+            later = alarms.raised_after(session, self._axis.id, self._charts.epoch, self._begun_after)
+            return any(row.kind == alarms.PRELOAD_LOSS and row.epoch == self._charts.epoch for row in later)
 
     def _forget_since(self, at: datetime | None, newest_epoch: int) -> None:
         """Forget the checkpoints after a moment, and the sessions from the one on that goes on there."""
