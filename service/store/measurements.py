@@ -12,6 +12,7 @@ from service.store.intake import JUDGED, REFUSED
 from service.store.lookup import existing_of
 from service.store.retention import require_stored
 from service.store.tables import PLACE, AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, microseconds_of
+from service.store.trend.points import POINTS
 from service.store.trend.shown import points_at
 from service.store.waveforms import WaveformPlace
 
@@ -124,12 +125,18 @@ def newest_monitored(
     return list(session.scalars(newest_first))[::-1]
 
 
-def first_monitored(
+def first_without_payload(
     session: Session, axis_id: str, start: datetime | None, end: datetime | None, limit: int
 ) -> list[MeasurementRow]:
-    """Return the first ones, as :func:`newest_monitored`."""
-    query = _monitored(axis_id, start, end)
-    return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id).limit(limit)))
+    """Return the first ones that carry no payload, as :func:`newest_monitored`."""
+    number = select(AxisRow.number).where(AxisRow.id == axis_id).scalar_subquery()
+    query = (
+        _monitored(axis_id, start, end)
+        .join(POINTS, POINTS.c.measurement_id == MeasurementRow.id)
+        .where(POINTS.c.axis_number == number, func.coalesce(POINTS.c.payload_kg, 0.0) == 0.0)
+        .order_by(POINTS.c.at, POINTS.c.measurement_id)
+    )
+    return list(session.scalars(query.limit(limit)))
 
 
 def _monitored(axis_id: str, start: datetime | None, end: datetime | None) -> Select[MeasurementRow]:

@@ -6,6 +6,7 @@ import threading
 import time
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,9 @@ from monitor_core.recordings.session_hdf5 import write_session
 from monitor_core.uncertainty import Estimate
 from service.documents.map_form import FieldTable, filled_map, map_fields
 from service.operations.calibrating import fit_job
+from service.operations.calibrating.fit_job import CalibrationJobIn
 from service.operations.recordings import file_check
+from service.store.database import Database
 from tests.conftest import canary
 from tests.identification.test_described_calibration import AXES, SCATTER, Plant
 from tests.recordings.test_drive_signals import drive_log
@@ -258,6 +261,25 @@ def test_a_drive_model_calibrates_for_the_source_of_the_measurements(
         assert job["status"] == "done", job["error"]
         document = api.http.get("/v1/axes/axis/calibrations/1").json()["document"]
         assert document["excitation_source"] == "drive"
+
+
+def test_a_drive_model_is_joined_with_measurements_of_one_nut_without_payload(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fit_job, "_MOST_UNSET", 2)
+    for day, payload in enumerate((0.0, 50.0, 50.0, 0.0, 0.0, 0.0)):
+        windows = simulated_measurement(
+            np.random.default_rng(1), f"day-{day}", n_windows=4, started_at=START + timedelta(days=day)
+        )
+        conditions = replace(windows[0].conditions, payload_mass=payload)
+        api.accept("axis", [replace(window, conditions=conditions) for window in windows])
+    renewed = {"at": (START + timedelta(days=0.5)).isoformat(), "kind": "nut-replaced", "who": "A. Fitter"}
+    api.http.post("/v1/axes/axis/maintenance", json=renewed).raise_for_status()
+    asked = CalibrationJobIn.model_validate({"by_drive_model": True, "from": START})
+    database = Database(f"sqlite:///{api.data_dir}/preload.db")
+    with database.read() as session:
+        assert [row.name for row in fit_job._measured(session, "axis", asked)] == ["day-3", "day-4"]
+    database.close()
 
 
 def windows_of(reading: ModalReading, number: int, source: ExcitationSource = ExcitationSource.SENSOR) -> list[Window]:

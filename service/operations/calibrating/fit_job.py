@@ -1,6 +1,5 @@
 """Fit a calibration to stored measurements in the background: jobs of kind ``calibration``, found by their axis."""
 
-from datetime import datetime
 from functools import partial
 from typing import Annotated, Final, Self
 
@@ -46,8 +45,9 @@ class CalibrationJobIn(RequestModel):
     )
     by_drive_model: bool = Field(
         default=False,
-        description="what the drive model of the axis lets expect is the prior; the first measurements since the "
-        "newest maintenance, or since `from`, are joined with it under one preload that nobody set: to a factor of two",
+        description="what the drive model of the axis lets expect is the prior; the first measurements without "
+        "payload since the newest maintenance and `from` are joined with it under one preload that nobody set: to a "
+        "factor of two",
     )
     preload_n: SetPreload | None = Field(
         default=None, description="of the nut in these, where it is known; goes with by_drive_model"
@@ -148,7 +148,9 @@ class CalibrationJobs:
             measured += [(row.id, modal) for modal in measured_modes(self._database, self._waveforms, settings, [row])]
         job.report(len(rows), total, {})
         if configuration.drive_model is not None and asked.by_drive_model:
-            usable = _usable_by_drive(job.axis_id, [modal for _, modal in measured])
+            usable = [modal for _, modal in measured]
+            if not usable:
+                raise nothing_to_fit(job.axis_id)
             # measured as they are, whatever the settings of the axis say: it tells how the motor end is held
             of_nut = partial(_of_drive, configuration.drive_model, usable[0].excitation_source)
             steps = Progress(len(rows), total)
@@ -186,15 +188,11 @@ def _measured(session: Session, axis_id: str, asked: CalibrationJobIn) -> list[M
     """Return what is to be fitted: measurements of a preload that was set, before a drive model of one that was not."""
     rows = measurements.calibration_measurements(session, axis_id, asked.start, asked.end)
     if asked.by_drive_model:
-        since = asked.start or _newest_maintenance(session, axis_id)
-        rows += measurements.first_monitored(session, axis_id, since, asked.end, _MOST_UNSET)
+        number = get_axis(session, axis_id).number
+        begun = [epoch.begins_at for epoch in epochs_of(session.connection(), number) if epoch.begun_by == MAINTENANCE]
+        since = max([*begun, *([] if asked.start is None else [asked.start])], default=None)  # of one nut only
+        rows += measurements.first_without_payload(session, axis_id, since, asked.end, _MOST_UNSET)
     return rows
-
-
-def _newest_maintenance(session: Session, axis_id: str) -> datetime | None:
-    """Tell since when the nut may have the preload that it has now."""
-    epochs = epochs_of(session.connection(), get_axis(session, axis_id).number)
-    return max((epoch.begins_at for epoch in epochs if epoch.begun_by == MAINTENANCE), default=None)
 
 
 def _of_drive(drive_model: str, source: ExcitationSource, report: Report) -> tuple[CoefficientPrior, Estimate]:
@@ -205,11 +203,3 @@ def _of_drive(drive_model: str, source: ExcitationSource, report: Report) -> tup
     del report
     axis = parse_model(drive_model, "drive_model")
     return prior_of_drive(axis, source), usual_preload_of(axis)
-
-
-def _usable_by_drive(axis_id: str, measured: list[ModalMeasurement]) -> list[ModalMeasurement]:
-    # a preload that nobody set says nothing of the payload, so that those with one are left out
-    usable = [m for m in measured if m.conditions.preload is not None or not m.conditions.payload_mass]
-    if not usable:
-        raise nothing_to_fit(axis_id)
-    return usable
