@@ -4,12 +4,13 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict, replace
 from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
-from sqlalchemy import Engine, event, insert, select
+from sqlalchemy import Engine, create_engine, event, insert, select
 
 from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import write_session
@@ -17,6 +18,15 @@ from service.clock import text_of
 from service.store import alarms
 from service.store.database import Database
 from service.store.tables import AlarmRow, MeasurementRow
+from service.store.trend.lost_motion import (
+    CHARTS,
+    READINGS,
+    LostMotionChart,
+    LostMotionReading,
+    newest_readings,
+    save_chart,
+    save_readings,
+)
 from service.web.pages import PAGES
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 from tests.service.long_history import lengthen
@@ -201,3 +211,29 @@ def test_open_alarms_are_found_without_passing_the_cleared(tmp_path: Path) -> No
         event.remove(Engine, "connect", steps.watch)
     few, many = found
     assert all(many[name] <= MOST_GROWTH * few[name] + MOST_MORE for name in few), found
+
+
+def test_newest_lost_motion_is_found_without_passing_the_older() -> None:
+    engine, found = create_engine("sqlite://"), []
+    READINGS.metadata.create_all(engine, tables=[READINGS, CHARTS])
+    reading = LostMotionReading(1, START, "m", 400.0, 3.5, 0.02, 3.4, 3.6, None, None, 9, None)
+    with engine.connect() as connection:
+        steps = Steps()
+        steps.watch(connection.connection.dbapi_connection, None)
+        for axis in (1, 2):
+            save_chart(connection, LostMotionChart(axis, {}, 400.0))
+        for days in (range(10), range(10, 1000)):
+            for axis in (1, 2):
+                rows = [replace(reading, axis_number=axis, at=START + timedelta(days=day)) for day in days]
+                connection.execute(insert(READINGS), [asdict(row) for row in rows])
+            aside = replace(rows[-1], uncharted="other-place")
+            save_readings(connection, 2, [aside])
+            steps.counted = 0
+            newest = newest_readings(connection)
+            found.append(steps.counted)
+            assert newest == {
+                1: (replace(aside, axis_number=1, uncharted=None), aside.at),
+                2: (aside, aside.at - timedelta(days=1)),
+            }
+    engine.dispose()
+    assert found[1] <= MOST_GROWTH * found[0] + MOST_MORE, found

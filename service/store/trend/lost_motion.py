@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, String, and_, case, delete, func, insert, select
+from sqlalchemy import ColumnElement, Connection, ScalarSelect, String, and_, delete, insert, select
 
 from service.json_types import JsonObject
 from service.store.tables import NullableJson
@@ -82,13 +82,17 @@ def newest_readings(
     connection: Connection, axis_number: int | None = None
 ) -> dict[int, tuple[LostMotionReading, datetime | None]]:
     """Return the last reading of one axis or all by number, and when the last was taken that moved the chart."""
-    of_chart = func.max(case((READINGS.c.uncharted.is_(None), READINGS.c.at)))
-    last = select(READINGS.c.axis_number, func.max(READINGS.c.at).label("at"), of_chart.label("charted_at"))
+
+    def newest(*those: ColumnElement[bool]) -> ScalarSelect[datetime]:  # by the key, however many there are
+        query = select(each.c.at).where(each.c.axis_number == CHARTS.c.axis_number, *those)
+        return query.order_by(each.c.at.desc()).limit(1).correlate(CHARTS).scalar_subquery()
+
+    each = READINGS.alias()
+    of_axis = and_(READINGS.c.axis_number == CHARTS.c.axis_number, READINGS.c.at == newest())
+    query = select(*_COLUMNS, newest(each.c.uncharted.is_(None)).label("charted_at")).select_from(CHARTS)
     if axis_number is not None:
-        last = last.where(READINGS.c.axis_number == axis_number)
-    ends = last.group_by(READINGS.c.axis_number).subquery()
-    of_axis = (READINGS.c.axis_number == ends.c.axis_number, READINGS.c.at == ends.c.at)
-    rows = connection.execute(select(*_COLUMNS, ends.c.charted_at).join(ends, and_(*of_axis)))
+        query = query.where(CHARTS.c.axis_number == axis_number)
+    rows = connection.execute(query.join(READINGS, of_axis))
     return {row.axis_number: (LostMotionReading(*row[:-1]), row.charted_at) for row in rows}
 
 
