@@ -102,9 +102,9 @@ def test_what_sqlite_knows_beyond_columns_is_the_same(older: Path, tmp_path: Pat
     assert kinds(older / "var" / "preload.db") == kinds(tmp_path / "new.db")
 
 
-#: A gate shows the limits of today: that of a frequency's uncertainty, 0.5 Hz once, is 0.3 % of the frequency. And a
-#: line through a step was called a rate.
-SAID_OTHERWISE = ("/gates/3/upper: 0.5 is 0.53", "/history/trend_line: ")
+#: A gate shows the limits of today: that of a frequency's uncertainty, 0.5 Hz once, is 0.3 % of the frequency. A
+#: line through a step was called a rate, and the sessions of a projection measurements.
+SAID_OTHERWISE = ("/gates/3/upper: 0.5 is 0.53", "/history/trend_line: ", "/projection/n_measurements: ")
 
 
 def test_older_folder_says_what_it_said(older: Path) -> None:
