@@ -13,8 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 
-import scipy
-
 from monitor_core.cross_checks import cross_checked, refuse_wraps
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, calibrate_phase, measure_mode
@@ -68,7 +66,7 @@ from monitor_core.trend import (
 )
 from monitor_core.trend.detector import SUDDEN_LIMIT
 from monitor_core.trend.observation import DEAD_ZONE, SESSION
-from monitor_core.uncertainty import Estimate
+from monitor_core.uncertainty import Estimate, enlargement
 
 #: Without a calibration and a stated band the mode is looked for between these shares of the sampling rate: below the
 #: roll-off of any anti-aliasing filter, above the slow motion of the table itself.
@@ -572,7 +570,7 @@ def expected_frequency(state: AxisState, conditions: Conditions) -> Estimate | N
     feature = baseline.mean + law.shift(conditions)
     if not feature > 0.0:
         return None
-    few = float(scipy.special.stdtrit(baseline.degrees_of_freedom, 0.975) / scipy.special.ndtri(0.975))
+    few = enlargement(baseline.degrees_of_freedom)
     of_law = law.uncertainty_between(conditions, state.baseline_conditions)
     scatter = few * math.hypot(baseline.scatter, baseline.standard_uncertainty, of_law)
     return Estimate(feature**-0.5, 0.5 * scatter * feature**-1.5)

@@ -81,6 +81,23 @@ _ROUNDING = 1e-12
 _MOST_DECIMALS = 6
 
 
+def enlargement(degrees_of_freedom: float) -> float:
+    """Return by what an uncertainty of few degrees of freedom is enlarged, so that 1.96 times it covers 95 % [-]."""
+    return float(scipy.special.stdtrit(degrees_of_freedom, 0.975) / scipy.special.ndtri(0.975))
+
+
+def beyond_others(rows: FloatArray, covariance: FloatArray, also: FloatArray | float = 0.0) -> float:
+    r"""Return how much less is known of the last of some values than of any other, each against the mean of the others.
+
+    Values are :math:`r_i^\mathsf{T}\theta` with the covariance of θ, shape (n_parameters, n_parameters), and rows
+    r of shape (n_values, n_parameters); ``also`` joins the variances. Returned is a standard uncertainty, 0 at least.
+    """
+    apart = rows - rows[:-1].mean(axis=0)
+    variance = np.einsum("ci,ij,cj->c", apart, covariance, apart) + also
+    *others, last = np.sqrt(np.maximum(variance, 0.0)).tolist()
+    return float(max(0.0, last - max(others)))
+
+
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """A value with its standard uncertainty and the degrees of freedom behind it."""

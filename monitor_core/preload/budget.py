@@ -27,7 +27,7 @@ from monitor_core.preload.feature import (
 )
 from monitor_core.preload.witnesses import Deviation
 from monitor_core.recording import Conditions
-from monitor_core.uncertainty import Estimate, Interval
+from monitor_core.uncertainty import Estimate, Interval, beyond_others, enlargement
 
 #: One number or many.
 Real = TypeVar("Real", float, FloatArray)
@@ -513,13 +513,8 @@ def systematic_uncertainty_between(
     # µ may rest on a few readings: enlarged so that 1.96 times the result covers 95 % all the same
     few = np.ones(len(calibration.parameter_names))
     if (mu := calibration.parameter(INVERSE_MOVING_MASS)) is not None:
-        enlarged = scipy.special.stdtrit(mu.degrees_of_freedom, 0.975) / scipy.special.ndtri(0.975)
-        few[calibration.parameter_names.index(INVERSE_MOVING_MASS)] = enlarged
-    covariance = calibration.parameters.covariance * np.outer(few, few)
-
-    apart = gradients - np.mean(gradients[:-1], axis=0)
-    *of_baseline, here = np.sqrt(np.maximum(np.einsum("ci,ij,cj->c", apart, covariance, apart), 0.0)).tolist()
-    return float(max(0.0, here - max(of_baseline)))
+        few[calibration.parameter_names.index(INVERSE_MOVING_MASS)] = enlargement(mu.degrees_of_freedom)
+    return beyond_others(gradients, calibration.parameters.covariance * np.outer(few, few))
 
 
 def with_history(declared: float, shown: float, degrees_of_freedom: float) -> float:

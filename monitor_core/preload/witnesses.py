@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from monitor_core.arrays import FloatArray
-from monitor_core.uncertainty import VectorEstimate
+from monitor_core.uncertainty import VectorEstimate, beyond_others, enlargement
 
 
 class WitnessName(StrEnum):
@@ -130,11 +130,9 @@ class Witness:
         settings = [*of_baseline, setting]
         rows = np.array([self._row(each) for each in settings])
         payloads = (self.payload_exponent or 0.0) * np.log([each.payload_factor for each in settings])
-        apart, of_payload = rows - rows[:-1].mean(axis=0), _PAYLOAD_LAW * (payloads - payloads[:-1].mean())
-        few = scipy.special.stdtrit(self.coefficients.degrees_of_freedom, 0.975) / scipy.special.ndtri(0.975)
-        variance = few**2 * np.einsum("ci,ij,cj->c", apart, self.coefficients.covariance, apart) + of_payload**2
-        *known, here = np.sqrt(np.maximum(variance, 0.0)).tolist()
-        return float(max(0.0, here - max(known)))
+        of_payload = _PAYLOAD_LAW * (payloads - payloads[:-1].mean())
+        few = enlargement(self.coefficients.degrees_of_freedom)
+        return beyond_others(rows, few**2 * self.coefficients.covariance, of_payload**2)
 
     @property
     def payload_exponent(self) -> float | None:
@@ -144,16 +142,18 @@ class Witness:
 
     def slope_in_preload(self, setting: Setting) -> float:
         r"""Return :math:`d\ln w/d\ln P` of the expected value [-]."""
-        of = dict(zip(self.terms, self.coefficients.values.tolist(), strict=True))
-        return float(of.get("preload", 0.0) + 2.0 * of.get("preload_squared", 0.0) * math.log(setting.preload))
+        return float(self._slope_row(setting) @ self.coefficients.values)
 
     def rises_with_preload(self, setting: Setting) -> bool | None:
         """Tell whether it rises with the preload; ``None`` where the calibration does not show that to 95 %."""
-        of = {"preload": 1.0, "preload_squared": 2.0 * math.log(setting.preload)}
-        row = np.array([of.get(term, 0.0) for term in self.terms])
+        row = self._slope_row(setting)
         slope, variance = float(row @ self.coefficients.values), float(row @ self.coefficients.covariance @ row)
         reach = float(scipy.special.stdtrit(self.coefficients.degrees_of_freedom, 0.975)) * math.sqrt(variance)
         return slope > 0.0 if abs(slope) > reach else None
+
+    def _slope_row(self, setting: Setting) -> FloatArray:
+        of = {"preload": 1.0, "preload_squared": 2.0 * math.log(setting.preload)}
+        return np.array([of.get(term, 0.0) for term in self.terms])
 
     def slope_in_theta(self, setting: Setting) -> float:
         r"""Return :math:`dw/d\theta` of the expected value, :math:`\theta = P^{-1/3}` [unit of the witness·N^(1/3)]."""

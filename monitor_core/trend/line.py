@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from monitor_core.arrays import FloatArray
 from monitor_core.trend.belief import DAY, FRICTION_SHARE, KELVIN, STRUCTURES, YEAR, Prior, Structure, change_in_a_day
@@ -95,17 +96,22 @@ def present_trend(sessions: Sequence[Session], prior: Prior | None = None, *, al
     return PresentTrend(changed_at, n_since, _joined(best, drawn))
 
 
+def _mixed(share: FloatArray, means: ArrayLike, covariances: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of a mixture."""
+    mean = share @ np.asarray(means)
+    off = means - mean
+    return mean, np.einsum("i,ijk->jk", share, covariances + off[:, :, np.newaxis] * off[:, np.newaxis, :])
+
+
 def _joined(best: TrendLine, drawn: Sequence[tuple[int, TrendLine]]) -> TrendLine:
     """Return the line of the best place of a change, with what the place leaves open: moments of the mixture."""
     share = np.array([weight for weight, _ in drawn]) / sum(weight for weight, _ in drawn)
-    means = np.array([[line.at_end.value, line.slope.value] for _, line in drawn])
-    covariances = np.array([
+    means = [[line.at_end.value, line.slope.value] for _, line in drawn]
+    covariances = [
         [[line.at_end.standard_uncertainty**2, line.together], [line.together, line.slope.standard_uncertainty**2]]
         for _, line in drawn
-    ])  # fmt: skip
-    mean = share @ means
-    off = means - mean
-    covariance = np.einsum("i,ijk->jk", share, covariances + off[:, :, np.newaxis] * off[:, np.newaxis, :])
+    ]
+    mean, covariance = _mixed(share, means, covariances)
     at_end, slope = (
         Estimate(float(mean[i]), math.sqrt(covariance[i, i]), best.slope.degrees_of_freedom) for i in range(2)
     )
@@ -133,10 +139,7 @@ def trend_line(sessions: Sequence[Session], prior: Prior | None = None) -> Trend
     evidence = np.array([fit.log_evidence for fit in fits])
     weight = weight * np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    means, covariances = np.array([fit.mean for fit in fits]), np.array([fit.covariance for fit in fits])
-    mean = weight @ means
-    off = means - mean
-    covariance = np.einsum("i,ijk->jk", weight, covariances + off[:, :, np.newaxis] * off[:, np.newaxis, :])
+    mean, covariance = _mixed(weight, [fit.mean for fit in fits], [fit.covariance for fit in fits])
     unit, dof = asked.unit, float(len(chosen) - 2)
     scatter = unit * math.sqrt(float(weight @ [fit.variance for fit in fits]))
     at_end = Estimate(asked.zero + unit * float(mean[0]), unit * math.sqrt(covariance[0, 0]), dof)
