@@ -240,9 +240,9 @@ class ProjectionOut(BaseModel):
 def get_projection(axis: AxisId, services: ServicesOf) -> ProjectionOut:
     """Project the line through the sessions since the last change of level or slope: empty of too few."""
     projected = services.history.of(axis).projected
-    if projected is None:
+    if projected is None or (change := projected.line.change_a_day) is None:
         return ProjectionOut(axis=axis, since=None, n_sessions=0, slope_n_per_day=None, points=[])
-    change = projected.line.change_a_day or (math.nan, math.nan)
+    slope, half = change
     points = [
         ProjectedPointOut(at=at, preload_n=preload, interval_95_n=(lower, upper))
         for at, preload, lower, upper in zip(
@@ -253,7 +253,7 @@ def get_projection(axis: AxisId, services: ServicesOf) -> ProjectionOut:
         axis=axis,
         since=projected.line.started_at,
         n_sessions=projected.line.n_sessions,
-        slope_n_per_day=change[0],
-        interval_95_n_per_day=(change[0] - change[1], change[0] + change[1]),
+        slope_n_per_day=slope,
+        interval_95_n_per_day=(slope - half, slope + half),
         points=points,
     )

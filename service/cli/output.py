@@ -31,12 +31,6 @@ def print_line(text: str, *, err: bool = False) -> None:
     click.echo(printable(text), err=err)
 
 
-def print_lines(text: str, *, err: bool = False) -> None:
-    """Print a text of several lines, whose line ends are ours."""
-    for line in text.split("\n"):
-        print_line(line, err=err)
-
-
 def print_json(document: Mapping[str, object]) -> None:
     """Print one document; what is not finite becomes null, since JSON has no other word for it."""
     text = json.dumps(finite_or_null(document), indent=2, allow_nan=False)

@@ -192,9 +192,9 @@ class ProjectedPreload:
     upper_n: list[float]
 
 
-def projected_preload(line: TrendLine, calibration: Calibration) -> ProjectedPreload:
-    """Project the line as far as it reaches back, and 90 days at most: straight in newtons, as it is drawn."""
-    view, per_feature = line_view(line, calibration), _newtons_per_feature(line, calibration)
+def projected_preload(line: TrendLine, calibration: Calibration, view: LineView) -> ProjectedPreload:
+    """Project the line as far as it reaches back, and 90 days at most: straight in newtons, as its ``view`` is."""
+    per_feature = _newtons_per_feature(line, calibration)
     reach = min(line.ended_at - line.started_at, _LONGEST_AHEAD)
     ahead = [reach * step / (_STEPS - 1) for step in range(_STEPS)]
     features = [line.ahead(each / timedelta(days=_DAYS_A_YEAR)) for each in ahead]

@@ -134,8 +134,10 @@ def _long_run(
 ) -> tuple[LineView | None, ProjectedPreload | None, FalseAlarmsView]:
     measured = [_session(record) for record in sessions]
     present = present_trend(measured, state.prior_in_use, alarmed=state.alarm is not None)
-    line = None if present.line is None else line_view(present.line, calibration, present.changed_at)
-    projected = None if present.line is None or calibration is None else projected_preload(present.line, calibration)
+    line = projected = None
+    if present.line is not None:
+        line = line_view(present.line, calibration, present.changed_at)
+        projected = None if calibration is None else projected_preload(present.line, calibration, line)
     # an alarm that was cleared was false; of one that stands nobody has said so yet
     healthy = healthy_sessions(
         ClosedSession(_session(record), record.residual, record.reference, record.alarmed)

@@ -236,11 +236,8 @@ class _Fold:
         before = [i for i in known if epochs[i].begins_at <= first]
         current = before[-1] if before else None if is_first_known else known[0]
         self._ahead = epochs if current is None else epochs[current + 1 :]
-        newest, epoch, limit = (
-            self._charts.epoch,
-            None if current is None else epochs[current],
-            self._charts.epoch_after,
-        )
+        newest, limit = self._charts.epoch, self._charts.epoch_after
+        epoch = None if current is None else epochs[current]
         self._return_to(epoch, first)
         together = self._state.joint.alarm
         # as far as there are checkpoints to before it was raised: it may be what is left of one that the preload has
