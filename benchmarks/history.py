@@ -29,7 +29,7 @@ from sqlalchemy import func, select, text, update
 
 from benchmarks.hostile_connections import service
 from benchmarks.processes import processor_time_s
-from monitor_core.pipeline import AxisState
+from monitor_core.axis_state import AxisState
 from monitor_core.trend import DetectorSettings, DetectorState, Observation, design_detector, step
 from service.json_types import JsonObject
 from service.operations.monitoring.intake.chart_state import dump_state

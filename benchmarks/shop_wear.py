@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.honest_intervals import SETTINGS
-from monitor_core.pipeline import AxisState, advance
+from monitor_core.axis_state import AxisState, advance
 from monitor_core.session import calibrate_session, judge_session
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector, reset
 from tests.plant.shop import MACHINES, ShopYear, calibration_session, shop_year

@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.honest_intervals import SETTINGS, Judged
+from monitor_core.axis_state import AxisState, advance, scatter_with_history
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import AxisState, advance, scatter_with_history, witnesses_of
+from monitor_core.pipeline import witnesses_of
 from monitor_core.preload import (
     Calibration,
     PreloadEstimate,

@@ -16,7 +16,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
+from monitor_core.axis_state import AxisState, ChartedFeature, advance_feature
 from monitor_core.recording import Conditions
 from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector, reset
 from monitor_core.uncertainty import Estimate

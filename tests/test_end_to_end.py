@@ -12,12 +12,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from monitor_core.axis_state import AxisState, advance
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import (
     AxisSettings,
-    AxisState,
     MeasurementOutcome,
-    advance,
     calibrate_from_measurements,
     check_window,
     judge_measurement,

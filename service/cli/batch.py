@@ -151,7 +151,7 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor]:
     try:
         from distributed import Client  # noqa: PLC0415  # an extra
     except ModuleNotFoundError as error:
-        raise click.UsageError("--dask needs distributed; pip install 'preload-monitor[batch]'") from error
+        raise click.UsageError("--dask needs distributed; pip install distributed") from error
     try:
         client = Client(scheduler, timeout="10s", set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:

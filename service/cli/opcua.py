@@ -21,7 +21,7 @@ def opcua(url: str) -> None:
     try:
         import asyncua  # noqa: F401, PLC0415  # an extra
     except ImportError as error:
-        raise DataFolderError("OPC UA needs asyncua; pip install 'preload-monitor[opcua]'") from error
+        raise DataFolderError("OPC UA needs asyncua; pip install asyncua") from error
     from service.gateways.opcua_server import OpcuaSettings, serve_opcua  # noqa: PLC0415
 
     configure_logging("INFO")

@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from monitor_core.arrays import FloatArray
+from monitor_core.axis_state import AxisState
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import AxisState, MeasurementOutcome
+from monitor_core.pipeline import MeasurementOutcome
 from monitor_core.preload import (
     Calibration,
     DragTorque,

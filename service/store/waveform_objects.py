@@ -33,9 +33,7 @@ class ObjectFiles:
         try:
             from s3fs import S3FileSystem  # noqa: PLC0415  # an extra
         except ImportError as error:
-            raise DataFolderError(
-                f"waveforms in {url} need the extra s3, which is not installed: pip install 'preload-monitor[s3]'"
-            ) from error
+            raise DataFolderError(f"waveforms in {url} need s3fs; pip install s3fs") from error
         self._root = url.removeprefix("s3://").rstrip("/")
         # Others write there, too: nothing of it is remembered.
         patience = _PATIENCE | {"http_session_cls": _bounded_session()}

@@ -9,17 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from monitor_core.axis_state import AxisState, advance, advance_estimate, scatter_with_history
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import (
     AxisSettings,
-    AxisState,
-    advance,
-    advance_estimate,
     calibrate_from_measurements,
     check_window,
     judge_measurement,
     measure_response,
-    scatter_with_history,
 )
 from monitor_core.preload import (
     Calibration,

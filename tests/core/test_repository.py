@@ -56,6 +56,23 @@ def test_every_dependency_is_bounded_by_the_major_version_that_is_tested():
         assert Version(f"{version.major + 1}") not in requirement.specifier, requirement
 
 
+def test_every_library_that_a_text_has_installed_is_one_that_is_locked():
+    """The project is on no index: whoever is told to fetch it there gets an error today, a stranger's code later."""
+    locked = set(re.findall(r"^([\w.-]+)==", text_of("requirements/dev.lock"), flags=re.MULTILINE))
+    files = [*PROJECT_ROOT.glob("docs/**/*.md"), PROJECT_ROOT / "README.md"]
+    files += [
+        file for room in ("monitor_core", "service", "preload_client") for file in PROJECT_ROOT.glob(f"{room}/**/*.py")
+    ]
+    told = [
+        word
+        for file in files
+        for words in re.findall(r"pip install ((?:[A-Za-z'][\w.\[\]'-]* ?)+)", file.read_text(encoding="utf-8"))
+        for word in words.split()
+    ]
+    assert "paho-mqtt" in told
+    assert sorted({word for word in told if canonicalize_name(word) not in locked}) == []
+
+
 def test_the_changelog_has_forty_short_lines_at_most_for_each_version():
     versions = re.split(r"^## ", text_of("CHANGELOG.md"), flags=re.MULTILINE)[1:]
     names = [version.partition("\n")[0].split(" ")[0] for version in versions]

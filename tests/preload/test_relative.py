@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature, charts_see, expected_frequency
+from monitor_core.axis_state import AxisState, ChartedFeature, advance_feature, charts_see, expected_frequency
 from monitor_core.preload import (
     UNSTATED_SHARE,
     ConditionLaw,

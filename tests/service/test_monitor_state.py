@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from monitor_core.pipeline import AxisState
+from monitor_core.axis_state import AxisState
 from monitor_core.recording import Conditions
 from monitor_core.trend import (
     DetectorSettings,

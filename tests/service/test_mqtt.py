@@ -303,7 +303,7 @@ def test_without_the_extra_a_sentence_says_what_installs_it(command: list[str], 
         env=environment, capture_output=True, text=True, timeout=60, check=False, cwd=PROJECT_ROOT,
     )  # fmt: skip
     assert done.returncode in (1, 2)
-    assert done.stderr.splitlines()[-1] == "preload: MQTT needs paho-mqtt; pip install 'preload-monitor[mqtt]'"
+    assert done.stderr.splitlines()[-1] == "preload: MQTT needs paho-mqtt; pip install paho-mqtt"
 
 
 def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -256,4 +256,4 @@ def test_without_the_extra_a_sentence_says_what_installs_it(tmp_path: Path) -> N
         capture_output=True, text=True, timeout=60, check=False, cwd=PROJECT_ROOT,
     )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr == "preload: OPC UA needs asyncua; pip install 'preload-monitor[opcua]'\n"
+    assert done.stderr == "preload: OPC UA needs asyncua; pip install asyncua\n"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import preload_client
-from monitor_core.pipeline import advance_feature, inverse_square
+from monitor_core.axis_state import advance_feature, inverse_square
 from monitor_core.uncertainty import Estimate
 from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.intake import charts

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
+from monitor_core.axis_state import AxisState, ChartedFeature, advance_feature
 from monitor_core.preload import preload_feature
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.recording import Conditions

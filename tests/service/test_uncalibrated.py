@@ -14,15 +14,16 @@ import pytest
 import scipy.signal
 
 from monitor_core import identification
+from monitor_core.axis_state import AxisState, advance
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import AxisSettings, AxisState, advance, judge_measurement
+from monitor_core.pipeline import AxisSettings, judge_measurement
 from monitor_core.preload import DriveLaw
 from monitor_core.recording import Window
 from monitor_core.recordings.model_file import model_file_text
 from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import plus_minus
+from service.operations.monitoring.axis_configuration import drive_law
 from service.operations.monitoring.intake.chart_state import load_state
-from service.operations.monitoring.preload_share import drive_law
 from tests.identification.test_described_calibration import AXES, Plant
 from tests.service.conftest import SAMPLE_RATE, START, Api, axial_frequency, simulated_measurement
 from tests.service.test_calibrating import windows_of

@@ -117,7 +117,7 @@ def test_store_that_does_not_take_a_window_is_503_and_nothing_is_stored(
 def test_missing_extra_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "s3fs", None)
     with (
-        pytest.raises(DataFolderError, match=r"need the extra s3.*preload-monitor\[s3\]"),
+        pytest.raises(DataFolderError, match=r"need s3fs; pip install s3fs"),
         running_service(tmp_path, waveform_url=URL),
     ):
         pass

@@ -142,8 +142,8 @@ def _parquet(columns: Sequence[Column], pages: Iterator[list[JsonObject]]) -> It
         import pyarrow.parquet as pq  # noqa: PLC0415
     except ImportError as error:
         raise NotAcceptableError(
-            "a Parquet table needs pyarrow, which is not installed here: ask for format=csv, or install the extra "
-            "parquet of the service"
+            "a Parquet table needs pyarrow, which is not installed here: ask for format=csv, or have it installed "
+            "where the service runs: pip install pyarrow"
         ) from error
     types = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), datetime: pa.timestamp("us", "UTC")}
     schema = pa.schema([(column.name, types.get(column.type, pa.string())) for column in columns])

@@ -15,9 +15,8 @@ from service.documents.change import not_examined_yet, read_cause
 from service.documents.measurement import alarm_evidence
 from service.documents.together import together_evidence
 from service.json_types import JsonObject
-from service.operations.monitoring.axis_configuration import load_configuration
+from service.operations.monitoring.axis_configuration import load_configuration, preload_share
 from service.operations.monitoring.intake.charts import Folded, Raised
-from service.operations.monitoring.preload_share import preload_share
 from service.store import alarms
 from service.store.intake import AxisRecord
 from service.store.notices import add_notice

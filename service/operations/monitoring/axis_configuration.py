@@ -18,10 +18,12 @@ from pydantic import (
 )
 from sqlalchemy.orm import Session
 
+from monitor_core.errors import MonitorCoreError
 from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
+from monitor_core.preload import DriveLaw
 from monitor_core.quality import QualityGate
-from monitor_core.recording import Visit
+from monitor_core.recording import ExcitationSource, Visit
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import (
     LEAST_MEASUREMENTS,
@@ -34,7 +36,7 @@ from monitor_core.trend import (
     LossDirection,
     design_detector,
 )
-from monitor_core.uncertainty import Estimate
+from monitor_core.uncertainty import Estimate, Interval
 from service.documents.stored import StoredRecord
 from service.errors import DocumentDamagedError
 from service.json_types import Json, JsonObject
@@ -222,3 +224,31 @@ def sisters_of(session: Session, axis: AxisRow) -> Iterator[AxisRow]:
         with suppress(DocumentDamagedError):  # its own page says so
             if sister.id != axis.id and load_configuration(sister.configuration).axis_type == axis_type:
                 yield sister
+
+
+@lru_cache(maxsize=1024)  # of one model the modes are computed once
+def preload_share(drive_model: str | None) -> Interval | None:
+    """Return the interval of that share [-]; None without a drive model, or where its nut follows no preload."""
+    if drive_model is None:
+        return None
+    from monitor_core.models.preload_share import share_of_preload  # noqa: PLC0415  # many axes have no model
+    from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415
+
+    try:
+        return share_of_preload(parse_model(drive_model, "drive_model").build())
+    except MonitorCoreError:
+        return None
+
+
+@lru_cache(maxsize=1024)
+def drive_law(drive_model: str | None, excitation_source: str) -> DriveLaw | None:
+    """Return how 1/f² follows the position by a drive model; None without one, or where it does not say enough."""
+    if drive_model is None:
+        return None
+    from monitor_core.identification import law_of_drive  # noqa: PLC0415  # many axes have no model
+    from monitor_core.recordings.model_file import parse_model  # noqa: PLC0415
+
+    try:
+        return law_of_drive(parse_model(drive_model, "drive_model"), ExcitationSource(excitation_source))
+    except MonitorCoreError:
+        return None

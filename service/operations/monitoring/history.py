@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from sqlalchemy.orm import Session
 
-from monitor_core.pipeline import AxisState
+from monitor_core.axis_state import AxisState
 from monitor_core.preload import Calibration, ConditionLaw
 from monitor_core.recording import Conditions
 from monitor_core.trend import (

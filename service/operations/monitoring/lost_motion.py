@@ -15,7 +15,7 @@ from pydantic.config import JsonDict
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
-from monitor_core.pipeline import AxisState
+from monitor_core.axis_state import AxisState
 from monitor_core.trend import DetectorState, Observation, TrendStatus, reset, state_at, step
 from service.clock import now, text_of
 from service.documents.change import lost_motion_unexamined

@@ -11,8 +11,8 @@ from service.documents.lost_motion import LostMotionStanding
 from service.documents.measurement import read_evidence
 from service.documents.together import TogetherView
 from service.operations.monitoring.alarms import AlarmView
+from service.operations.monitoring.axis_configuration import preload_share
 from service.operations.monitoring.calibrations import CalibrationOverview
-from service.operations.monitoring.preload_share import preload_share
 from service.operations.monitoring.trend import AxisStatus
 from service.store import alarms as status_of
 

@@ -22,7 +22,7 @@ try:
     from paho.mqtt.properties import Properties
     from paho.mqtt.reasoncodes import ReasonCode
 except ImportError as error:
-    raise DataFolderError("MQTT needs paho-mqtt; pip install 'preload-monitor[mqtt]'") from error
+    raise DataFolderError("MQTT needs paho-mqtt; pip install paho-mqtt") from error
 
 JSON_TYPE = "application/json"
 #: A connection in which nothing comes for one and a half times as long is lost.

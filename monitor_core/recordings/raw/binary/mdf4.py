@@ -71,9 +71,7 @@ def read_channels(path: Path) -> Channels:
     try:
         import asammdf  # noqa: F401, PLC0415
     except ModuleNotFoundError as error:
-        raise MissingReaderError(
-            f"{path.name}: reading MDF needs asammdf; pip install 'preload-monitor[mdf]'"
-        ) from error
+        raise MissingReaderError(f"{path.name}: reading MDF needs asammdf; pip install asammdf") from error
 
     with refusing(path.name, "an MDF file of version 4"):
         _require_version_4(path)

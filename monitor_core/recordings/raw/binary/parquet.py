@@ -49,9 +49,7 @@ def read_channels(path: Path) -> Channels:
     try:
         import pyarrow.parquet  # noqa: F401, PLC0415
     except ModuleNotFoundError as error:
-        raise MissingReaderError(
-            f"{path.name}: reading Parquet needs pyarrow; pip install 'preload-monitor[parquet]'"
-        ) from error
+        raise MissingReaderError(f"{path.name}: reading Parquet needs pyarrow; pip install pyarrow") from error
 
     with refusing(path.name, "a Parquet file"), require_file(path).open("rb") as stream:
         if stream.read(4) != _MAGIC:

@@ -61,9 +61,7 @@ def read_channels(path: Path) -> Channels:
         import nptdms  # noqa: F401, PLC0415
         from nptdms.log import log_manager  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        raise MissingReaderError(
-            f"{path.name}: reading TDMS needs npTDMS; pip install 'preload-monitor[tdms]'"
-        ) from error
+        raise MissingReaderError(f"{path.name}: reading TDMS needs npTDMS; pip install npTDMS") from error
 
     log_manager.set_level("CRITICAL")  # what npTDMS only warns of is refused here
     n_bytes = require_file(path).stat().st_size

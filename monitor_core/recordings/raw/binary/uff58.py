@@ -80,7 +80,7 @@ def read_channels(path: Path) -> Channels:
     try:
         import pyuff  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        raise MissingReaderError(f"{path.name}: reading UFF needs pyuff; pip install 'preload-monitor[uff]'") from error
+        raise MissingReaderError(f"{path.name}: reading UFF needs pyuff; pip install pyuff") from error
 
     n_delimiters = len(_DELIMITER.findall(require_file(path).read_bytes()))
     if n_delimiters == 0 or n_delimiters % 2:

@@ -123,9 +123,7 @@ def _opened(path: Path) -> Iterator["Workbook"]:
     try:
         import openpyxl  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        raise MissingReaderError(
-            f"{path.name}: reading XLSX needs openpyxl; pip install 'preload-monitor[xlsx]'"
-        ) from error
+        raise MissingReaderError(f"{path.name}: reading XLSX needs openpyxl; pip install openpyxl") from error
 
     with (
         refusing(path.name, "an Excel workbook (.xlsx)"),

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 
 from monitor_core.arrays import FloatArray
-from monitor_core.pipeline import AxisState
+from monitor_core.axis_state import AxisState
 from monitor_core.trend import (
     Bank,
     ClosedSession,

@@ -15,7 +15,7 @@ from enum import StrEnum
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
-from monitor_core.pipeline import (
+from monitor_core.axis_state import (
     AxisState,
     ChartedFeature,
     advance_feature,
@@ -29,7 +29,7 @@ from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import ClosedSession, DetectorDesign, closed_session
 from monitor_core.uncertainty import Estimate
-from service.operations.monitoring.axis_configuration import load_configuration
+from service.operations.monitoring.axis_configuration import drive_law, load_configuration
 from service.operations.monitoring.intake.chart_state import (
     begun,
     dump_state,
@@ -37,7 +37,6 @@ from service.operations.monitoring.intake.chart_state import (
     load_state,
     session_record,
 )
-from service.operations.monitoring.preload_share import drive_law
 from service.store import alarms
 from service.store.axes import lubrications_of, was_lubricated
 from service.store.calibrations import CalibrationsInForce

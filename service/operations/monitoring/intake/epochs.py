@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
-from monitor_core.pipeline import AxisState
+from monitor_core.axis_state import AxisState
 from monitor_core.trend import DetectorState, Prior, TrendStatus, prior_from
 from service.errors import DocumentDamagedError
 from service.operations.monitoring.alarm_changes import settle_alarms

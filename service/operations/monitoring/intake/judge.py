@@ -8,8 +8,9 @@ from datetime import datetime
 
 from sqlalchemy import Connection
 
+from monitor_core.axis_state import inverse_square
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import MeasurementOutcome, inverse_square, judge_measurement
+from monitor_core.pipeline import MeasurementOutcome, judge_measurement
 from monitor_core.preload import Calibration, PreloadEstimate, place_reading
 from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.elements.units import to_millimetres

@@ -11,7 +11,7 @@ from datetime import timedelta
 
 from sqlalchemy import Connection
 
-from monitor_core.pipeline import AxisState
+from monitor_core.axis_state import AxisState
 from monitor_core.trend import DetectorState
 from service.errors import DocumentDamagedError
 from service.json_types import JsonObject
