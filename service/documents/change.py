@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 from monitor_core.uncertainty import plus_minus
 from service.clock import text_of
 from service.documents.measurement import finite_or_null, members
+from service.documents.said import N_
 from service.json_types import JsonObject
 from service.store.tables import MeasurementRow
 
@@ -25,31 +26,38 @@ class NotExamined(StrEnum):
     NO_BASELINE = "no-baseline"
     NO_DRIVE_MODEL = "no-drive-model"
     TOO_FEW_POSITIONS = "too-few-places"
+    NOT_YET = "not-yet"
+    UNDER_WAY = "under-way"
+    FAILED = "failed"
     REFUSED = "refused"
+    CLOSED = "closed"
     LOST_MOTION = "lost-motion"
 
 
-_SENTENCES = {
-    NotExamined.NO_BASELINE: "cause not examined: there is no baseline yet to compare with",
-    NotExamined.NO_DRIVE_MODEL: "cause not examined: the axis has no drive model",
-    NotExamined.TOO_FEW_POSITIONS: "cause not examined yet: it takes measurements at three positions since the onset",
-    NotExamined.LOST_MOTION: "no cause is looked for: lost motion tells that motion is lost, not where",
+#: What is said of each; of too few positions, by how many there are.
+_SENTENCES: dict[NotExamined, tuple[str, ...]] = {
+    NotExamined.NO_BASELINE: (N_("cause not examined: there is no baseline yet to compare with"),),
+    NotExamined.NO_DRIVE_MODEL: (N_("cause not examined: the axis has no drive model"),),
+    NotExamined.TOO_FEW_POSITIONS: (
+        N_("cause not examined yet: it takes measurements at three positions, and since the onset there are none"),
+        N_("cause not examined yet: it takes measurements at three positions, and since the onset there is one"),
+        N_("cause not examined yet: it takes measurements at three positions, and since the onset there are two"),
+    ),
+    NotExamined.NOT_YET: (N_("cause not examined yet"),),
+    NotExamined.UNDER_WAY: (N_("the cause is being examined"),),
+    NotExamined.FAILED: (N_("cause not examined: the last attempt failed"),),
+    NotExamined.CLOSED: (N_("the cause was not examined as long as the alarm stood"),),
+    NotExamined.LOST_MOTION: (N_("no cause is looked for: lost motion tells that motion is lost, not where"),),
 }
 
 
-def not_examined_yet(configuration: JsonObject, *, has_baseline: bool) -> JsonObject:
-    """Return what an alarm says when it is raised on an axis of this configuration."""
-    has_model = configuration.get("drive_model") is not None
-    reason = NotExamined.TOO_FEW_POSITIONS if has_model else NotExamined.NO_DRIVE_MODEL
-    if not has_baseline:
-        reason = NotExamined.NO_BASELINE
-    return {"examined": False, "reason": str(reason), "sentence": _SENTENCES[reason], "recent": None}
-
-
-def lost_motion_unexamined() -> JsonObject:
-    """Return what an alarm of lost motion says of its cause: the responses that tell causes apart are not of it."""
-    reason = NotExamined.LOST_MOTION
-    return {"examined": False, "reason": str(reason), "sentence": _SENTENCES[reason], "recent": None}
+def not_examined(reason: NotExamined, n_positions: int = 0) -> JsonObject:
+    """Return what an alarm says whose cause was not examined."""
+    sentences = _SENTENCES[reason]
+    return {
+        "examined": False, "reason": str(reason), "sentence": sentences[min(n_positions, len(sentences) - 1)],
+        "recent": None,
+    }  # fmt: skip
 
 
 def refused_document(refusal: Exception, recent: Sequence[MeasurementRow]) -> JsonObject:
@@ -93,6 +101,8 @@ class StatedCause:
     examined: bool
     sentence: str
     recent: _RecentSide | None
+    reason: NotExamined | None = None
+    cause: str | None = None
 
 
 _CAUSE = TypeAdapter(StatedCause)

@@ -17,13 +17,19 @@ from pydantic import BaseModel
 
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
 from monitor_core.modal import ModalMeasurement
-from monitor_core.recordings.elements.units import metres
 from service.clock import now
 from service.documents.change import examined_document, read_cause, refused_document
 from service.documents.measurement import AlarmEvidence, read_evidence
-from service.errors import ConflictError, ServiceError
+from service.errors import BusyError, ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
 from service.operations.monitoring.alarm_changes import store_explanation
+from service.operations.monitoring.alarms import (
+    EXPLANATION,
+    MOST_RECENT,
+    count_positions,
+    fewest_positions,
+    recent_side,
+)
 from service.operations.monitoring.axes import axis_drive
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
@@ -45,9 +51,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-KIND = "alarm-explanation"
-#: So many named the causes of the tests; older ones may be of a smaller change.
-MOST_RECENT = 8
 #: Of a longer baseline the newest: what more would add is less than the time that they take.
 MOST_REFERENCE = 30
 
@@ -70,15 +73,11 @@ class _Case:
 
     def lacks(self) -> str | None:
         """Return what the recent measurements lack, in a sentence; None if they were made at enough places."""
-        from monitor_core.change import FEWEST_POSITIONS, positions_of  # noqa: PLC0415  # few axes ever alarm
-
-        positions = np.array([metres(row.position_mm) for row in self.recent])
-        n_places = positions_of(positions).size if positions.size else 0
-        if n_places >= FEWEST_POSITIONS:
+        n_places, fewest = count_positions(self.recent), fewest_positions()
+        if n_places >= fewest:
             return None
         return (
-            f"expected measurements at {FEWEST_POSITIONS} places or more since {self.evidence.onset.isoformat()}; got "
-            f"{n_places}"
+            f"expected measurements at {fewest} places or more since {self.evidence.onset.isoformat()}; got {n_places}"
         )
 
     @property
@@ -95,7 +94,8 @@ class AlarmExplanations:
         self._database = database
         self._waveforms = waveforms
         self._jobs = runner
-        runner.work[KIND] = self.run
+        self._put_off = set[str]()  # axes whose job found no place in the queue
+        runner.work[EXPLANATION] = self.run
 
     def follow(self, axis_id: str) -> None:
         """Start a job if a measurement that was just committed lets the alarm of its axis be explained, or better.
@@ -107,14 +107,21 @@ class AlarmExplanations:
                 newest = alarms.list_alarms(
                     session, axis_id=axis_id, status=None, before_id=None, limit=1, by_measurements=True
                 )
-                waits = any(row.status == jobs.QUEUED for row in jobs.unfinished_jobs(session, KIND, axis_id))
-            if waits or not newest or newest[0].status == alarms.CLEARED:
+                # one that waits will look at all that is measured by then; one of an earlier alarm asks nothing of this
+                waiting = [
+                    row.arguments.get("alarm")
+                    for row in jobs.unfinished_jobs(session, EXPLANATION, axis_id)
+                    if row.status == jobs.QUEUED
+                ]
+            if not newest or newest[0].id in waiting or newest[0].status not in alarms.OPEN:
                 return
             if read_evidence(newest[0].evidence).while_learning:  # there is no baseline to compare with
                 return
             case = self._case(newest[0].id)
             if not case.settled and case.lacks() is None:
-                self._jobs.submit(KIND, axis_id, _Arguments(alarm=case.alarm.id).model_dump())
+                self._jobs.submit(EXPLANATION, axis_id, _Arguments(alarm=case.alarm.id).model_dump())
+        except BusyError:
+            self._put_off.add(axis_id)
         except (ServiceError, MonitorCoreError) as error:
             log.warning("the alarm of axis '%s' waits for its explanation: %s", axis_id, error)
 
@@ -128,11 +135,18 @@ class AlarmExplanations:
         axis_drive(_model(case.configuration))
         if (lack := case.lacks()) is not None:
             raise NotIdentifiableError(lack)
-        return self._jobs.submit(KIND, case.alarm.axis_id, _Arguments(alarm=alarm_id).model_dump())
+        return self._jobs.submit(EXPLANATION, case.alarm.axis_id, _Arguments(alarm=alarm_id).model_dump())
 
     def run(self, job: JobHandle) -> None:
         """Explain and store it with the alarm; begun anew if it was interrupted."""
-        case = self._case(_Arguments.model_validate(job.arguments).alarm)
+        put_off, self._put_off = self._put_off, set()
+        for axis_id in put_off:
+            self.follow(axis_id)
+        try:
+            case = self._case(_Arguments.model_validate(job.arguments).alarm)
+        except ConflictError as closed:  # meanwhile: nobody waits for its cause any more
+            job.report(2, 2, {"sentence": str(closed)})
+            return
         try:
             document = examined_document(self._explained(case, job), now(), case.reference, case.recent)
         except MonitorCoreError as refusal:  # an answer, too: the alarm says why
@@ -144,8 +158,8 @@ class AlarmExplanations:
     def _case(self, alarm_id: int) -> _Case:
         with self._database.read() as session:
             alarm = alarms.get_alarm(session, alarm_id)
-            if alarm.status == alarms.CLEARED:
-                raise ConflictError(f"only an alarm that is open can be explained; alarm {alarm_id} is cleared")
+            if alarm.status not in alarms.OPEN:
+                raise ConflictError(f"only an alarm that is open can be explained; alarm {alarm_id} is {alarm.status}")
             if alarm.kind == alarms.LOST_MOTION:
                 raise NotIdentifiableError(f"expected an alarm of the preload; alarm {alarm_id} is of {alarm.kind}")
             configuration = load_configuration(get_axis(session, alarm.axis_id).configuration)
@@ -156,7 +170,7 @@ class AlarmExplanations:
                 evidence,
                 configuration,
                 newest_monitored(session, alarm.axis_id, start, end, MOST_REFERENCE),
-                newest_monitored(session, alarm.axis_id, evidence.onset, None, MOST_RECENT),
+                recent_side(session, alarm),
             )
 
     def _explained(self, case: _Case, job: JobHandle) -> "ChangeAttribution":

@@ -59,18 +59,17 @@ class ListedAlarm:
 @router.get("/alarms", dependencies=[needs(Scope.TRENDS_READ)])
 def alarms_page(page: PageOf, query: Annotated[AlarmsPageQuery, Query()], on: ServicesOf) -> Response:
     """List the alarms that stand, then those that were cleared lately."""
-    standing = on.alarms.standing()
+    standing, n_open, n_active = on.alarms.standing((query.page - 1) * _ON_A_PAGE, _ON_A_PAGE)
     names = on.trend.names()
-    begin = (query.page - 1) * _ON_A_PAGE
     closed = on.alarms.list(None, "cleared", query.before, _CLOSED)
     return page.show(
         "alarms.html",
-        n_open=len(standing),
-        n_active=sum(view.row.status == "active" and view.shelved_until is None for view in standing),
-        open=_lines(standing[begin : begin + _ON_A_PAGE], names),
+        n_open=n_open,
+        n_active=n_active,
+        open=_lines(standing, names),
         closed=_lines(closed, names),
         query=query,
-        n_pages=-(-len(standing) // _ON_A_PAGE),
+        n_pages=-(-n_open // _ON_A_PAGE),
         older=closed[-1].row.id if len(closed) == _CLOSED else None,
     )
 
@@ -234,3 +233,10 @@ def clear(alarm: RowId, form: Annotated[ChangeForm, Form()], request: Request, o
     """Close an alarm: what is now becomes normal."""
     on.alarms.clear(alarm, form.comment, request.state.caller.signature, seen=form.seen_event)
     return done(f"/alarms/{alarm}", "cleared")
+
+
+@router.post("/alarms/{alarm}/explanations", dependencies=[needs(Scope.REPLAYS_RUN)])
+def explain(alarm: RowId, on: ServicesOf) -> Response:
+    """Begin to look for the cause of an alarm."""
+    on.alarm_explanations.start(alarm)
+    return done(f"/alarms/{alarm}", "begun")

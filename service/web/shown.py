@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 from monitor_core.uncertainty import plus_minus
 from service.clock import now
 from service.documents.measurement import shares_in_words
-from service.documents.said import PlusMinus, Said, Stated, Value
+from service.documents.said import N_, PlusMinus, Said, Stated, Value
 from service.report.rounding import UNKNOWN, notation
 from service.web.words import Words
 
@@ -35,6 +35,14 @@ def plain(words: Words, value: float | None, digits: int = 3) -> str:
     if value is None or not math.isfinite(value):
         return UNKNOWN
     return decimal(words, f"{value:.{digits}g}") if 1e-4 <= abs(value) < 10**digits else number(words, value, digits)
+
+
+def percent(words: Words, share: float) -> str:
+    """Show a share in percent; of one that is next to nothing, that it is."""
+    least = 1e-4
+    if 0.0 < share < least:
+        return words(N_("less than %(share)s %%")) % {"share": number(words, 100.0 * least, 1)}
+    return f"{number(words, 100.0 * share, 2 if share < 1.0 else 3)} %"
 
 
 def with_interval(words: Words, value: float | None, interval: Sequence[float | None] | None) -> tuple[str, str]:
@@ -127,6 +135,7 @@ def install(environment: Environment) -> None:
         "number": spoken(number),
         "stated": spoken(stated),
         "plain": spoken(plain),
+        "percent": spoken(percent),
         "with_interval": spoken(with_interval),
         "uncertain": spoken(uncertain),
         "age": spoken(age),

@@ -15,7 +15,10 @@ from monitor_core.pipeline import AxisSettings, calibrate_from_measurements
 from monitor_core.recording import Window
 from monitor_core.recordings.calibration_file import calibration_document
 from monitor_core.recordings.session_hdf5 import open_session
+from service.operations.monitoring.alarms import EXPLANATION
 from service.settings import BUNDLED_SESSIONS
+from service.store.database import Database
+from service.store.tables import JobRow
 from tests.conftest import canary
 from tests.hidden_effects.running.sessions import description
 from tests.plant.chain import Condition
@@ -169,9 +172,43 @@ def test_too_few_places_are_waited_for(shared_api: Api) -> None:
     alarm = alarm_of(shared_api, "two")
     assert finished_jobs(shared_api, "two") == []
     assert alarm["explanation"]["reason"] == "too-few-places"
-    assert alarm["explanation"]["sentence"].startswith("cause not examined yet")
+    assert alarm["explanation"]["sentence"].endswith("three positions, and since the onset there are two")
     problem = assert_problem(ask(shared_api, alarm["id"]), 422, "not-identifiable")
     assert problem["detail"].endswith("; got 2")
+
+
+def test_a_job_of_an_earlier_alarm_keeps_no_later_one_from_its_own(shared_api: Api) -> None:
+    watch_resonator(shared_api, "again", drive_model=MODEL)
+    at = datetime.now(UTC)
+    with Database(f"sqlite:///{shared_api.data_dir / 'preload.db'}").write() as session:
+        waiting = {"id": "of-an-earlier-alarm", "kind": EXPLANATION, "axis_id": "again", "arguments": {"alarm": 10**6}}
+        session.add(JobRow(**waiting, status="queued", done=0, created_at=at, updated_at=at))  # nobody was woken for it
+    lose_preload(shared_api, "again", (400.0, 500.0, 600.0))
+    own, earlier = finished_jobs(shared_api, "again")
+    assert (earlier["id"], earlier["status"]) == ("of-an-earlier-alarm", "failed")
+    assert (own["arguments"], own["status"]) == ({"alarm": alarm_of(shared_api, "again")["id"]}, "done")
+
+
+@pytest.mark.parametrize("status", ["queued", "running", "failed", "cancelled"])
+def test_what_an_alarm_says_of_its_cause_is_how_it_stands_now(shared_api: Api, status: str) -> None:
+    axis = f"looks-{status}"
+    watch_resonator(shared_api, axis)
+    lose_preload(shared_api, axis, (400.0, 500.0, 600.0))
+    alarm = alarm_of(shared_api, axis)
+    assert alarm["explanation"]["reason"] == "no-drive-model"
+    shared_api.register(axis, windows_per_measurement=8, baseline_size=6, drive_model=MODEL)
+    assert alarm_of(shared_api, axis)["explanation"]["reason"] == "not-yet"
+    at = datetime.now(UTC)
+    with Database(f"sqlite:///{shared_api.data_dir / 'preload.db'}").write() as session:
+        job = {"id": axis, "kind": EXPLANATION, "axis_id": axis, "arguments": {"alarm": alarm["id"]}, "status": status}
+        lease = {"owner": "another", "lease_until": at + timedelta(days=1)}
+        session.add(JobRow(**job, **lease, done=0, created_at=at, updated_at=at))
+    reason = {"failed": "failed", "cancelled": "not-yet"}.get(status, "under-way")
+    assert alarm_of(shared_api, axis)["explanation"]["reason"] == reason
+    page = shared_api.http.get(f"/alarms/{alarm['id']}").text
+    assert (f'action="/alarms/{alarm["id"]}/explanations"' in page) == (reason != "under-way")
+    clear = shared_api.http.post(f"/v1/alarms/{alarm['id']}/clear", json={"comment": "nut replaced"})
+    assert clear.json()["explanation"]["reason"] == "closed"
 
 
 @pytest.mark.release

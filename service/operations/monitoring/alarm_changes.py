@@ -11,7 +11,7 @@ from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from service.clock import now, text_of
-from service.documents.change import not_examined_yet, read_cause
+from service.documents.change import NotExamined, not_examined, read_cause
 from service.documents.measurement import alarm_evidence
 from service.documents.together import together_evidence
 from service.json_types import JsonObject
@@ -140,7 +140,7 @@ def _raise(session: Session, axis: AxisRecord, epoch: int, alarm: Raised, reason
     row = AlarmRow(
         axis_id=axis.id, measurement_id=point.measurement_id, kind=alarm.kind, epoch=epoch, measured_at=point.at,
         evidence=_evidence(axis, alarm),
-        explanation=not_examined_yet(axis.configuration, has_baseline=alarm.state.detector.known is not None),
+        explanation=not_examined(NotExamined.NOT_YET),
     )  # fmt: skip
     add_alarm(session, row, reason)
 

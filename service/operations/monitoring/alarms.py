@@ -7,11 +7,16 @@ from datetime import datetime, timedelta
 from functools import partial
 from typing import Final
 
+import numpy as np
 from sqlalchemy.orm import Session
 
+from monitor_core.recordings.elements.units import metres
 from service.clock import now
+from service.documents.change import NotExamined, not_examined, read_cause
+from service.documents.measurement import read_evidence
 from service.errors import ConflictError, InvalidRequestError
 from service.jobs import Repeatedly
+from service.json_types import JsonObject
 from service.operations.monitoring.alarm_changes import (
     bring_back,
     change_alarm,
@@ -21,15 +26,20 @@ from service.operations.monitoring.alarm_changes import (
 )
 from service.operations.monitoring.intake.epochs import begin_by_inspection
 from service.operations.monitoring.lost_motion import learn_anew
-from service.store import alarms
+from service.store import alarms, jobs
 from service.store.axes import get_axis
 from service.store.database import Database
-from service.store.tables import AlarmEventRow, AlarmRow
+from service.store.measurements import newest_monitored
+from service.store.tables import AlarmEventRow, AlarmRow, MeasurementRow
 
 #: How often it is looked whether a shelf has ended.
 LOOKED_EVERY_S: Final = 2.0
 #: What is shelved for longer is forgotten: it is looked at anew by then.
 LONGEST_SHELF: Final = timedelta(days=92)
+#: Of the jobs that find which change of an axis explains its alarm.
+EXPLANATION: Final = "alarm-explanation"
+#: So many named the causes of the tests; older ones may be of a smaller change.
+MOST_RECENT: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +48,7 @@ class AlarmView:
 
     row: AlarmRow
     events: list[AlarmEventRow]
+    explanation: JsonObject  # what is known of its cause now
 
     def last_to(self, status: str) -> AlarmEventRow | None:
         """Return the last event that brought the alarm into a status."""
@@ -65,32 +76,30 @@ class Alarms:
         """Return alarms, newest first."""
         with self._database.read() as session:
             rows = alarms.list_alarms(session, axis_id=axis_id, status=status, before_id=before_id, limit=limit)
-            events = alarms.events_of(session, [row.id for row in rows])
-            return [AlarmView(row, events[row.id]) for row in rows]
+            return _views(session, rows)
 
     def open_by_axis(self) -> dict[str, AlarmView]:
         """Return the newest open alarm of each axis that has any."""
         with self._database.read() as session:
             newest = {row.axis_id: row for row in reversed(alarms.list_open(session))}
             events = alarms.events_of(session, [row.id for row in newest.values()])
-            return {axis_id: AlarmView(row, events[row.id]) for axis_id, row in newest.items()}
+            return {axis_id: AlarmView(row, events[row.id], row.explanation) for axis_id, row in newest.items()}
 
     def get(self, alarm_id: int) -> AlarmView:
         """Return one alarm."""
         with self._database.read() as session:
-            return AlarmView(alarms.get_alarm(session, alarm_id), alarms.events_of(session, [alarm_id])[alarm_id])
+            return _views(session, [alarms.get_alarm(session, alarm_id)])[0]
 
-    def standing(self) -> Sequence[AlarmView]:
-        """Return all open alarms, those that somebody has to look at first, newest first within each.
+    def standing(self, begin: int, most: int) -> tuple[Sequence[AlarmView], int, int]:
+        """Return so many open alarms from a place on, how many there are, and how many of them wait for somebody.
 
-        Active ones, then those that were seen, then those that rest.
+        Active ones come first, then those that were seen, then those that rest; newest first within each.
         """
-        with self._database.read() as session:
-            rows = alarms.list_open(session)
-            events = alarms.events_of(session, [row.id for row in rows])
         order = {alarms.ACTIVE: 0, alarms.ACKNOWLEDGED: 1}
-        rows.sort(key=lambda row: (is_shelved(row), order[row.status]))
-        return [AlarmView(row, events[row.id]) for row in rows]
+        with self._database.read() as session:
+            rows = sorted(alarms.list_open(session), key=lambda row: (is_shelved(row), order[row.status]))
+            n_waiting = sum(row.status == alarms.ACTIVE and not is_shelved(row) for row in rows)
+            return _views(session, rows[begin : begin + most]), len(rows), n_waiting
 
     def acknowledge(self, alarm_id: int, comment: str, who: str, *, seen: int | None = None) -> AlarmView:
         """Note that somebody has seen the alarm.
@@ -156,6 +165,55 @@ class Alarms:
                         f"“{last.reason}”; look at it again first"
                     )
             yield session, row
+
+
+def _views(session: Session, rows: Sequence[AlarmRow]) -> list[AlarmView]:
+    events = alarms.events_of(session, [row.id for row in rows])
+    return [AlarmView(row, events[row.id], explanation_now(session, row)) for row in rows]
+
+
+def explanation_now(session: Session, row: AlarmRow) -> JsonObject:
+    """Return what is known of the cause of an alarm: where it was not examined, why not as things stand now."""
+    cause = read_cause(row.explanation)
+    if cause.examined or cause.reason in (NotExamined.REFUSED, NotExamined.LOST_MOTION):
+        return row.explanation
+    if row.status not in alarms.OPEN:
+        return not_examined(NotExamined.CLOSED)
+    if read_evidence(row.evidence).baseline_started_at is None:
+        return not_examined(NotExamined.NO_BASELINE)
+    if get_axis(session, row.axis_id).configuration.get("drive_model") is None:
+        return not_examined(NotExamined.NO_DRIVE_MODEL)
+    return _not_examined_with_model(session, row)
+
+
+def _not_examined_with_model(session: Session, row: AlarmRow) -> JsonObject:
+    job = jobs.newest_job(session, row.axis_id, EXPLANATION)
+    status = None if job is None or job.arguments.get("alarm") != row.id else job.status
+    if status in (jobs.QUEUED, jobs.RUNNING):
+        return not_examined(NotExamined.UNDER_WAY)
+    n_positions = count_positions(recent_side(session, row))
+    if n_positions < fewest_positions():
+        return not_examined(NotExamined.TOO_FEW_POSITIONS, n_positions)
+    return not_examined(NotExamined.FAILED if status == jobs.FAILED else NotExamined.NOT_YET)
+
+
+def recent_side(session: Session, row: AlarmRow) -> list[MeasurementRow]:
+    """Return the newest measurements since the onset of an alarm, in time order."""
+    return newest_monitored(session, row.axis_id, read_evidence(row.evidence).onset, None, MOST_RECENT)
+
+
+def count_positions(rows: Sequence[MeasurementRow]) -> int:
+    """Count the positions of measurements, those that are the same but for scatter once."""
+    from monitor_core.change import positions_of  # noqa: PLC0415  # few axes ever alarm
+
+    return positions_of(np.array([metres(row.position_mm) for row in rows])).size if rows else 0
+
+
+def fewest_positions() -> int:
+    """Return how many positions tell the causes of an alarm from each other."""
+    from monitor_core.change import FEWEST_POSITIONS  # noqa: PLC0415  # as above
+
+    return FEWEST_POSITIONS
 
 
 def watch_of_shelves(database: Database) -> Repeatedly:

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 from monitor_core.axis_state import AxisState
 from monitor_core.trend import DetectorState, Observation, TrendStatus, reset, state_at, step
 from service.clock import now, text_of
-from service.documents.change import lost_motion_unexamined
+from service.documents.change import NotExamined, not_examined
 from service.documents.lost_motion import LostMotionNow, LostMotionStanding, lost_motion_evidence
 from service.errors import ConflictError, InvalidRequestError
 from service.json_types import JsonObject
@@ -368,5 +368,5 @@ def _settle(
 def _row(axis: AxisRecord, alarm: _Raised) -> AlarmRow:
     return AlarmRow(
         axis_id=axis.id, measurement_id=None, kind=alarms.LOST_MOTION, epoch=alarm.epoch,
-        measured_at=alarm.reading.at, evidence=alarm.evidence, explanation=lost_motion_unexamined(),
+        measured_at=alarm.reading.at, evidence=alarm.evidence, explanation=not_examined(NotExamined.LOST_MOTION),
     )  # fmt: skip

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 
-from pydantic import BaseModel
-
 from monitor_core.trend import TrendStatus
 from service.documents.axis_sentence import AxisFacts, Cleared, OpenAlarm
+from service.documents.change import read_cause
 from service.documents.history import AlertView, LineView
 from service.documents.lost_motion import LostMotionStanding
 from service.documents.measurement import read_evidence
@@ -15,12 +14,6 @@ from service.operations.monitoring.axis_configuration import preload_share
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.trend import AxisStatus
 from service.store import alarms as status_of
-
-
-class _Cause(BaseModel):
-    examined: bool
-    sentence: str
-    cause: str | None = None
 
 
 def facts_of(
@@ -64,7 +57,7 @@ def open_alarm(alarms: Sequence[AlarmView]) -> OpenAlarm | None:
     view = next((view for view in alarms if view.row.status in status_of.OPEN), None)
     if view is None:
         return None
-    evidence, cause = read_evidence(view.row.evidence), _Cause.model_validate(view.row.explanation)
+    evidence, cause = read_evidence(view.row.evidence), read_cause(view.row.explanation)
     seen = view.last_to(status_of.ACKNOWLEDGED)
     is_other = cause.examined and cause.cause not in ("preload", "unknown", "none")
     return OpenAlarm(
