@@ -9,6 +9,7 @@ from pydantic import AliasPath, BaseModel, BeforeValidator, ConfigDict, Field, J
 from service.api.access import needs
 from service.api.http.body import JSON_TYPE
 from service.api.services import ServicesOf, api_router
+from service.documents.axis_sentence import standing
 from service.documents.consequences import Kind
 from service.documents.said import in_english
 from service.documents.stored_measurement import StoredMeasurement
@@ -20,6 +21,7 @@ from service.operations.monitoring.axes import settings_tag
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.consequences import outlook_of
 from service.operations.monitoring.maintenance import MaintenanceIn, Work
+from service.operations.monitoring.standing import MOST_TOLD, facts_of
 from service.operations.monitoring.trend import machines_of
 
 router = api_router("axes")
@@ -246,6 +248,30 @@ def take_axis_back(axis: AxisId, services: ServicesOf) -> AxisOut:
 def get_axis(axis: AxisId, response: Response, services: ServicesOf) -> AxisOut:
     """Return one axis and how it stands; `ETag` names its settings."""
     return _tagged(AxisOut.model_validate(services.trend.status(axis)), response)
+
+
+class StandingOut(BaseModel):
+    """How an axis stands and what to do next, in the sentences of its page."""
+
+    axis: str
+    state: str
+    sentence: str
+    next_step: str
+
+
+@router.get("/axes/{axis}/standing", dependencies=[needs(Scope.TRENDS_READ)])
+def get_standing(axis: AxisId, services: ServicesOf) -> StandingOut:
+    """Say how an axis stands, and what to do next."""
+    with services.database.at_one_moment():
+        status, overview, history = (
+            services.trend.status(axis),
+            services.calibrations.overview(axis),
+            services.history.of(axis),
+        )
+        alarms, lost_motion = services.alarms.list(axis, None, None, MOST_TOLD), services.lost_motion.standing(axis)
+    stands = standing(facts_of(status, overview, alarms, history, lost_motion))
+    sentence, next_step = in_english(stands.sentence), in_english(stands.next_step)
+    return StandingOut(axis=axis, state=status.state, sentence=sentence, next_step=next_step)
 
 
 class MaintenanceOut(AnswerModel):

@@ -45,10 +45,12 @@ class AxisFacts:
     silent_after_hours: float
     in_force: int | None  # number of the calibration
     stored: int | None  # newest calibration, in force or not
+    judged_anew_by: int | None  # calibration that is put in force when what was measured is judged by it
     last_at: datetime | None  # last measurement that was judged
     last_refused: str | None  # why, if it was
     preload: float | None  # of the last measurement [N]
     baseline: float | None  # [N]
+    has_friction: bool  # the last measurement tells the friction torque
     cleared: Cleared | None = None  # since then nothing was measured
     alert: AlertView | None = None
     alarm: OpenAlarm | None = None
@@ -78,7 +80,9 @@ def standing(facts: AxisFacts) -> Standing:
     """Return how an axis stands, and what to do next."""
     if facts.alarm is not None:
         return _alarmed(facts, facts.alarm)
-    return _without_alarm(facts) if facts.lost_motion_grows is None else _loses_motion(facts.lost_motion_grows)
+    if facts.lost_motion_grows is not None:
+        return _loses_motion(facts.lost_motion_grows)
+    return _without_alarm(facts) if facts.judged_anew_by is None else _judged_anew(facts.judged_anew_by)
 
 
 def _without_alarm(facts: AxisFacts) -> Standing:
@@ -100,6 +104,14 @@ def _without_alarm(facts: AxisFacts) -> Standing:
         text = N_("No loss is seen: the natural frequency is as it was learnt, at the same place.")
         return Standing(Said(text), _to_newtons(facts))
     return Standing(Said("No loss of preload is seen."), _GO_ON)
+
+
+def _judged_anew(calibration: int) -> Standing:
+    text = N_(
+        "What was measured is being judged anew, by calibration %(number)s; until that is done all stands as before."
+    )
+    step = N_("Nothing is to be done: what is said here changes by itself.")
+    return Standing(Said(text, {"number": str(calibration)}), Said(step))
 
 
 def _to_newtons(facts: AxisFacts) -> Said:
@@ -147,7 +159,10 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
             "Nothing was accepted since %(day)s: see that the axis is measured, then check nut preload and lubrication."
         )
         return Standing(sentence, Said(step, {"day": facts.heard_at}))
-    step = N_("Measure at another position, compare the friction torque, check nut preload and lubrication.")
+    if facts.has_friction:
+        step = N_("Measure at another position, compare the friction torque, check nut preload and lubrication.")
+    else:
+        step = N_("Measure at another position, check nut preload and lubrication.")
     return Standing(sentence, Said(step))
 
 
@@ -166,9 +181,11 @@ def _what_is_lost(facts: AxisFacts, alarm: OpenAlarm) -> Said:
     fall = facts.fall if facts.fall is not None and facts.fall.is_evident else alarm.fall
     if fall is not None:
         return fall_sentence(fall, alarm.onset)
-    lost = None if alarm.baseline is None or facts.preload is None else alarm.baseline - facts.preload
-    if lost is not None and lost > 0.0 and facts.last_at is not None:
-        return _how_fast(values | {"lost": round(lost)}, facts.present, is_silent=facts.is_silent)
+    baseline = facts.baseline or alarm.baseline
+    if baseline is not None and facts.preload is not None:
+        lost = round(baseline) - round(facts.preload)  # of what is shown beside it
+        if lost > 0:
+            return _how_fast(values | {"lost": lost}, facts.present, is_silent=facts.is_silent)
     text = N_("Preload is lower than the baseline since %(day)s.")
     if facts.in_force is None:
         text = N_("The natural frequency is lower than the baseline since %(day)s.")
@@ -218,10 +235,9 @@ def alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:
         return Said(text, values)
     if baseline is None or lost is None:
         return Said("The preload of %(axis)s fell below its baseline since %(onset)s; the alarm is of %(day)s.", values)
-    values |= {"lost": round(lost), "preload": round(baseline) - round(lost), "baseline": round(baseline)}
+    values |= {"lost": round(lost), "baseline": round(baseline)}
     text = N_(
-        "On %(day)s %(axis)s had %(preload)s N of preload, %(lost)s N less than its baseline of %(baseline)s N; "
-        "the loss began about %(onset)s."
+        "On %(day)s %(axis)s had lost %(lost)s N of its baseline of %(baseline)s N; the loss began about %(onset)s."
     )
     return Said(text, values)
 

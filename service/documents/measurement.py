@@ -378,7 +378,9 @@ def alarm_evidence(
         "sentence": (
             f"since {alarm.onset:%Y-%m-%d} {lost_in_words}: " + chart_in_english(alarm, "loss")
         ),
-        "check_next": "measure again at another position; compare the friction torque; check nut and bearing mounting",
+        "check_next": "measure again at another position; "
+        + ("" if point.friction_torque_nm is None else "compare the friction torque; ")
+        + "check nut and bearing mounting",
     })  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from service.operations.discrepancy_job import finished_discrepancies
 from service.operations.fields import AxisId
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.history import AxisHistory
-from service.operations.monitoring.standing import facts_of, open_alarm
+from service.operations.monitoring.standing import MOST_TOLD, facts_of, open_alarm
 from service.operations.monitoring.trend import AxisStatus, Only
 from service.operations.retention import count_pins
 from service.report.trend_chart import LaneEvent
@@ -47,7 +47,6 @@ from service.web.words import Words
 router = APIRouter(include_in_schema=False)
 
 _LISTED: Final = 20
-_MOST_ALARMS: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
     with on.database.at_one_moment():
         status = on.trend.status(axis)
         overview, history = on.calibrations.overview(axis), on.history.of(axis)
-        alarms = on.alarms.list(axis, None, None, _MOST_ALARMS)
+        alarms = on.alarms.list(axis, None, None, MOST_TOLD)
         told = [AlarmOut.model_validate(view) for view in alarms]
         active = next((row for row in overview.calibrations if row.id == overview.active), None)
         lost_motion = on.lost_motion.standing(axis)
@@ -87,17 +86,7 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
         return page.show(
             "axis.html",
             axis=AxisOut.model_validate(status),
-            standing=standing(
-                facts_of(
-                    status,
-                    overview,
-                    alarms,
-                    history.alert,
-                    history.together,
-                    lost_motion=lost_motion,
-                    present=history.line,
-                )
-            ),
+            standing=standing(facts_of(status, overview, alarms, history, lost_motion)),
             last=status.last,
             history=history,
             rule=on.trend.paper_rule(status.row),

@@ -59,7 +59,7 @@ DONE: Final = {
     "fit-begun": N_("The fit has begun."),
     "fit-cancelled": N_("The fit was stopped."),
     "activated": N_("The calibration is in force; a new baseline begins."),
-    "judged-anew": N_("What was measured is being judged by the calibration, which is then in force."),
+    "judged-anew": N_("Begun: the calibration comes into force when what was measured is judged by it."),
 }
 
 

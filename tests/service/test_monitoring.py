@@ -46,7 +46,7 @@ def test_loss_is_alarmed_with_evidence(worn: Api) -> None:
     assert evidence["preload_loss_n"] == pytest.approx(evidence["baseline_preload_n"] - raised["preload_n"], abs=2.0)
     size = f"{evidence['preload_loss_n']:.0f} N"
     assert f"{size} below the baseline's" in evidence["sentence"]
-    assert f"{size} less than its baseline" in worn.http.get(f"/alarms/{alarm['id']}").text
+    assert f"had lost {size} of its baseline" in worn.http.get(f"/alarms/{alarm['id']}").text
     assert evidence["onset"] == "2026-03-12T06:00:00Z"  # the first measurement after the fall
     assert worn.axis("worn")["open_alarms"] == 1
     assert 'preload_alarms_total{kind="preload-loss"} 1.0' in worn.http.get("/metrics").text

@@ -130,7 +130,7 @@ def test_a_healthy_axis_is_said_to_show_no_change_and_one_without_friction_is_no
 def test_an_axis_whose_numbers_have_changed_together_is_not_told_that_nothing_is_to_be_done() -> None:
     facts = AxisFacts(
         state="normal", is_silent=False, heard_at=START, silent_after_hours=48.0, in_force=1, stored=1, last_at=START,
-        last_refused=None, preload=300.0, baseline=300.0,
+        last_refused=None, preload=300.0, baseline=300.0, judged_anew_by=None, has_friction=True,
     )  # fmt: skip
     assert standing(facts).sentence.text == "No loss of preload is seen."
     changed = standing(replace(facts, changed_since=START))
@@ -161,7 +161,8 @@ def test_of_an_axis_that_is_silent_a_rate_is_said_with_the_day_that_it_is_known_
     )  # fmt: skip
     facts = AxisFacts(
         state="alarm", is_silent=False, heard_at=START, silent_after_hours=48.0, in_force=1, stored=1, last_at=START,
-        last_refused=None, preload=240.0, baseline=300.0, present=line, alarm=OpenAlarm(START, 300.0, None, None),
+        last_refused=None, preload=240.0, baseline=300.0, judged_anew_by=None, has_friction=True, present=line,
+        alarm=OpenAlarm(START, 300.0, None, None),
     )  # fmt: skip
     assert "now it loses 1.000 ± 0.096 N a day" in in_english(standing(facts).sentence)
     silent = in_english(standing(replace(facts, is_silent=True)).sentence)

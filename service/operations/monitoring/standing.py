@@ -1,33 +1,33 @@
 """Collect the facts for the sentence that says how an axis stands."""
 
 from collections.abc import Sequence
+from typing import Final
 
 from monitor_core.trend import TrendStatus
 from service.documents.axis_sentence import AxisFacts, Cleared, OpenAlarm
 from service.documents.change import read_cause
-from service.documents.history import AlertView, LineView
 from service.documents.lost_motion import LostMotionStanding
 from service.documents.measurement import read_evidence
-from service.documents.together import TogetherView
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.axis_configuration import preload_share
 from service.operations.monitoring.calibrations import CalibrationOverview
+from service.operations.monitoring.history import AxisHistory
 from service.operations.monitoring.trend import AxisStatus
 from service.store import alarms as status_of
+
+#: Newest alarms that are looked through for what is said of an axis.
+MOST_TOLD: Final = 50
 
 
 def facts_of(
     status: AxisStatus,
     calibrations: CalibrationOverview,
     alarms: Sequence[AlarmView],
-    alert: AlertView | None,
-    together: TogetherView | None = None,
-    *,
-    lost_motion: LostMotionStanding | None = None,
-    present: LineView | None = None,
+    history: AxisHistory,
+    lost_motion: LostMotionStanding,
 ) -> AxisFacts:
     """Return what is known of an axis; its alarms come newest first."""
-    row, last = status.row, status.last
+    row, last, together = status.row, status.last, history.together
     alarms = [view for view in alarms if view.row.kind != status_of.LOST_MOTION]
     return AxisFacts(
         state=row.state,
@@ -36,18 +36,18 @@ def facts_of(
         silent_after_hours=status.configuration.silent_after_hours,
         in_force=calibrations.active,
         stored=max((calibration.id for calibration in calibrations.calibrations), default=None),
+        judged_anew_by=None if status.stale is None else status.stale.calibration,
         last_at=row.last_measured_at,
         last_refused=last.reason,
         preload=last.preload_n,
         baseline=last.baseline_preload_n,
+        has_friction=last.friction_torque_nm is not None,
         cleared=_cleared(status, calibrations, alarms),
-        alert=alert,
+        alert=history.alert,
         alarm=open_alarm([v for v in alarms if v.row.kind == status_of.PRELOAD_LOSS]) if row.state == "alarm" else None,
         changed_since=None if together is None or together.alarm is None else together.alarm.onset,
-        lost_motion_grows=(
-            lost_motion.sentence if lost_motion is not None and lost_motion.state == TrendStatus.ALARM else None
-        ),
-        present=present,
+        lost_motion_grows=lost_motion.sentence if lost_motion.state == TrendStatus.ALARM else None,
+        present=history.line,
         fall=last.fall(lambda: preload_share(status.configuration.drive_model)),
     )
 
