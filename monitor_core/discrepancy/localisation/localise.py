@@ -2,10 +2,9 @@ r"""Locate a misfit, as places and as maps: where data and model differ, and wha
 
 Residuals that are standard normal and independent where the model is right are tested, together at one level (Holm):
 is their sum of squares too large, over all and over every band, channel, position, preload, payload, temperature,
-excitation level and direction (χ²); do they follow one another along a series (Ljung and Box, and the runs of their
-signs); does their size go with a condition (rank correlation); do they go along a signature, or more so with a
-condition. What is found is narrowed to the place that holds it, named by its kind and taken out; then the rest is
-tested again. A map has the rms of the misfit by the values of a condition and by frequency band.
+excitation level and direction (χ²); do they go along a signature, or more so with a condition (rank correlation). What
+is found is narrowed to the place that holds it, named by its kind and taken out; then the rest is tested again. A map
+has the rms of the misfit by the values of a condition and by frequency band.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,10 +15,10 @@ import scipy
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.explanation import Misfit, MisfitKind, MisfitPlace
-from monitor_core.discrepancy.localisation.joint_significance import LEVEL, ResidualsUnderTest, run_joint_tests
 from monitor_core.discrepancy.localisation.misfit_kind import (
     KindFound,
     Signature,
+    explained,
     kind_of,
     take_out,
     with_derived_kinds,
@@ -36,6 +35,7 @@ from monitor_core.fitting.conditions.groups import (
     by_frequency,
     by_stretch,
     groupings,
+    levels_of,
     previous_in_series,
 )
 
@@ -63,6 +63,80 @@ def misfit_map(
     squares = np.bincount(cell, weights=standardised[both] ** 2, minlength=n_cells)
     mean = np.divide(squares, n, out=np.full(n_cells, np.nan), where=n > 0)
     return rows.parts, columns.parts, np.sqrt(mean).reshape(rows.n_groups, columns.n_groups)
+
+
+#: Probability of any place at all where the model is right.
+LEVEL = 0.01
+
+
+def holm(p_values: Sequence[float]) -> FloatArray:
+    """Return p-values corrected for their number (Holm 1979), in the order given, shape (n_tests,)."""
+    p = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(p)
+    stepped = np.maximum.accumulate(p[order] * np.arange(p.size, 0, -1))
+    corrected = np.empty_like(p)
+    corrected[order] = np.minimum(stepped, 1.0)
+    return corrected
+
+
+def amount_trend_p_value(levels: FloatArray, along: FloatArray, squares: FloatArray) -> float:
+    r"""Return the p-value of an amount of a signature that goes with the ranks of a condition.
+
+    With :math:`t = \sum s e` (``along``) and :math:`w = \sum s^2` (``squares``) of each setting and the ranks a less
+    their mean weighted with w, :math:`\sum a t / \sqrt{\sum a^2 w}` is exactly standard normal and blind to an amount
+    that is the same everywhere. All arrays have shape (n_settings,); a level is NaN where it is not stated.
+    """
+    usable = np.isfinite(levels) & (squares > 0.0)
+    ranks, t, w = scipy.stats.rankdata(levels[usable]), along[usable], squares[usable]
+    if ranks.size < 2 or np.ptp(ranks) == 0.0:
+        return 1.0
+    a = ranks - np.average(ranks, weights=w)
+    return float(2.0 * scipy.special.ndtr(-abs(a @ t) / np.sqrt(a**2 @ w)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _UnderTest:
+    """Residuals that are independent and standard normal where the model is right, and which of them count."""
+
+    layout: Layout
+    previous: Indices  # in the series, −1 for none, shape (n_values,)
+    groupings: tuple[Grouping, ...]
+    signatures: tuple[Signature, ...]  # the given ones first
+    n_given: int
+    residuals: FloatArray
+    counts: BoolArray
+
+
+def _joint_test(tested: _UnderTest) -> tuple[float, bool, tuple[ConditionAxis, ...]]:
+    """Run all tests at once, corrected for their number.
+
+    Returned are the smallest p-value, whether a group is too large, and not only the whole, and what amounts go with.
+    """
+    residuals, of, layout = tested.residuals, tested.counts, tested.layout
+    given = [signature.rows[:, of] for signature in tested.signatures[: tested.n_given]]
+    squares, n = [float(np.sum(residuals[of] ** 2))], [float(np.count_nonzero(of))]
+    for rows in given:
+        gain, n_directions = explained(rows, residuals[of])
+        squares.append(gain)
+        n.append(max(n_directions, 1))
+    first_group = len(squares)
+    for grouping in tested.groupings:
+        n_of_groups, of_groups = (grouping.sums(each, of) for each in (np.ones_like(residuals), residuals**2))
+        squares += of_groups[n_of_groups > 0.0].tolist()
+        n += n_of_groups[n_of_groups > 0.0].tolist()
+    setting = layout.setting[of]
+    trends, p_values = list[ConditionAxis](), [float(p) for p in scipy.special.chdtrc(n, squares)]
+    for axis in CONDITIONS:
+        levels = levels_of(layout, axis)
+        for row in (row for rows in given for row in rows):
+            along, own = (np.bincount(setting, each, levels.size) for each in (row * residuals[of], row**2))
+            p_values.append(amount_trend_p_value(levels, along, own))
+            trends.append(axis)
+    corrected = holm(p_values)
+    is_significant = corrected <= LEVEL
+    going = (axis for axis, so in zip(trends, is_significant[len(squares) :], strict=True) if so)
+    in_groups = bool(np.any(is_significant[first_group : len(squares)]))
+    return float(np.min(corrected)), in_groups, tuple(dict.fromkeys(going))
 
 
 #: A neighbour belongs to the place if it has this share of the mean square of the worst: half of its amplitude.
@@ -173,7 +247,7 @@ def localise(
         Signature(signature.kind, _whitened(signature.rows, previous, scatter), signature.root)
         for signature in with_derived_kinds(layout, signatures)
     ]
-    tested = ResidualsUnderTest(
+    tested = _UnderTest(
         layout=layout,
         previous=previous,
         groupings=groupings(layout, _SEARCH_BANDS),
@@ -210,14 +284,14 @@ def _whitened(values: FloatArray, previous: Indices, scatter: HealthyScatter) ->
     return white / scatter.deviation
 
 
-def _places(tested: ResidualsUnderTest, standardised: FloatArray) -> Iterator[Misfit]:
+def _places(tested: _UnderTest, standardised: FloatArray) -> Iterator[Misfit]:
     """Yield places one after the other, each found in what those before it have left."""
     worst, remnant, reported = 0.0, 0.0, {MisfitKind.UNCLEAR, MisfitKind.EXTRA_MODE}
     for _ in range(_MOST_PLACES):
-        joint = run_joint_tests(tested)
-        if joint.p_value > LEVEL:
+        p_value, in_groups, trends = _joint_test(tested)
+        if p_value > LEVEL:
             return
-        chosen = narrow(tested.groupings, tested.residuals**2, tested.counts) if joint.in_groups else {}
+        chosen = narrow(tested.groupings, tested.residuals**2, tested.counts) if in_groups else {}
         place = within(tested.groupings, chosen, tested.counts)
         kind = _kind(tested, chosen, place)
         left, size = (float(np.sqrt(np.mean(values[place] ** 2))) for values in (tested.residuals, standardised))
@@ -226,7 +300,7 @@ def _places(tested: ResidualsUnderTest, standardised: FloatArray) -> Iterator[Mi
             worst, remnant = left, min(float(np.sqrt(max(1.0 - kind.share, 0.0))), _SKIRT)
         if left >= (_SKIRT if kind.kind in reported else remnant) * worst:
             extents = tuple(tested.groupings[index].extent(chosen[index]) for index in sorted(chosen))
-            yield Misfit(MisfitPlace(extents, () if extents else tuple(joint.trends)), size, kind.kind, joint.p_value)
+            yield Misfit(MisfitPlace(extents, () if extents else trends), size, kind.kind, p_value)
         reported.add(kind.kind)
         # The value after the place has a part of its last one in it, where neighbours are correlated.
         rest = tested.counts & ~place & ~(place[tested.previous] & (tested.previous >= 0))
@@ -235,7 +309,7 @@ def _places(tested: ResidualsUnderTest, standardised: FloatArray) -> Iterator[Mi
         tested = replace(tested, residuals=take_out(tested.residuals, kind, rest), counts=rest)
 
 
-def _kind(tested: ResidualsUnderTest, chosen: Mapping[int, Sequence[int]], place: BoolArray) -> KindFound:
+def _kind(tested: _UnderTest, chosen: Mapping[int, Sequence[int]], place: BoolArray) -> KindFound:
     """Compare kinds over all frequencies, channels and levels that were measured under the conditions of a place."""
     whole = (None, ConditionAxis.FREQUENCY, ConditionAxis.LEVEL)
     conditions = {index: groups for index, groups in chosen.items() if tested.groupings[index].axis not in whole}
