@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.hidden_effects import PLANTS, learnt_form
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation
-from monitor_core.discrepancy.records.rounds import cleared
+from monitor_core.discrepancy.records import cleared
 from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.machine_sizes import sizes_of_drive

@@ -13,7 +13,6 @@ from monitor_core.discrepancy.verdict.classes import (
     Member,
     indistinguishable_law,
     n_levels,
-    rests_on_levels_of,
 )
 from monitor_core.discrepancy.verdict.next_steps import next_steps
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, outcome_of, remainder_of
@@ -83,18 +82,6 @@ def test_three_levels_are_enough_where_another_law_would_leave_a_fifth_of_much()
     three = layout_at(0.6, 2.0, 6.0)
     assert [indistinguishable_law(CUBIC, gain, three) for gain in (192.0, 240.0, 260.0)] == [AMPLITUDE_LAW] * 2 + [""]
     assert not indistinguishable_law(SOFTER_NUT, 60.0, three)
-
-
-def test_a_record_that_was_taken_out_at_another_level_leaves_the_law_open() -> None:
-    # what stands out from one law at three times the excitation may be right by another
-    usual, much, little = 0, 4, 5
-    layout = layout_at(2.0, 2.1, 1.9, 2.0, 6.0, 0.6, None)
-    assert rests_on_levels_of(CUBIC, layout, {much})
-    assert rests_on_levels_of(FRICTION, layout, {usual, little})
-    assert not rests_on_levels_of(CUBIC, layout, {usual, 1, 6})
-    assert not rests_on_levels_of(CUBIC, layout, set())
-    assert not rests_on_levels_of(MASS, layout, {much})
-    assert not rests_on_levels_of(CUBIC, layout_at(None, None), {0})
 
 
 def test_what_follows_the_preload_at_one_level_may_go_with_the_amplitude_unless_much_speaks_for_it() -> None:

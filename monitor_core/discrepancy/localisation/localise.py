@@ -130,7 +130,7 @@ def _joint_test(tested: _UnderTest) -> tuple[float, bool, tuple[ConditionAxis, .
         levels = levels_of(layout, axis)
         for row in (row for rows in given for row in rows):
             along, own = (np.bincount(setting, each, levels.size) for each in (row * residuals[of], row**2))
-            p_values.append(amount_trend_p_value(levels, along, own))
+            p_values.append(amount_trend_p_value(levels, np.asarray(along, np.float64), np.asarray(own, np.float64)))
             trends.append(axis)
     corrected = holm(p_values)
     is_significant = corrected <= LEVEL

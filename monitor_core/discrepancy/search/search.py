@@ -51,13 +51,11 @@ def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None =
     return _ended(workspace, current, steps)
 
 
-def find_again(
-    workspace: Workspace[Physics], found: Found[Physics], *, others: bool = True
-) -> tuple[Fitted[Physics], ...]:
+def find_again(workspace: Workspace[Physics], found: Found[Physics]) -> tuple[Fitted[Physics], ...]:
     """Return the fits of a search of other records, made anew: without any effect, and after each step.
 
-    What is needed no more is left out, and ``others`` are sought beside it if they may be. Nothing is returned where
-    one of the fits has no answer.
+    What is needed no more is left out, and others are sought beside it. Nothing is returned where one of the fits has
+    no answer.
     """
     steps, plain, first = list[Fitted[Physics]](), Hypothesis(workspace.axis), found.baseline
     again = [(replace(step.hypothesis, axis=workspace.axis), step.coordinates) for step in (first, *found.steps)]
@@ -70,8 +68,6 @@ def find_again(
         workspace.remember(fitted)
         workspace.reach(*steps, fitted)
         steps.append(fitted)
-    if not others:
-        return tuple(steps)
     further = steps[1:]
     if not (further and workspace.is_explained_otherwise(workspace.baseline, further[-1])):
         further = add_stepwise(workspace, steps[-1], further)

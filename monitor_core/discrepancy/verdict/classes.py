@@ -84,20 +84,6 @@ def indistinguishable_law(effect: Effect[Physics], gain: float, layout: Layout) 
     return AMPLITUDE_LAW if is_open else ""
 
 
-def rests_on_levels_of(effect: Effect[Physics], layout: Layout, wrong: Collection[int]) -> bool:
-    """Return whether a record was taken out that tells the law of the amplitude; ``wrong`` are settings, from 0.
-
-    That is one at another level of excitation than most. What stands out there from one law may be right by another.
-    """
-    levels = levels_of(layout, ConditionAxis.LEVEL)
-    stated = levels[levels > 0.0]
-    if not (goes_with_amplitude(effect) and stated.size):
-        return False
-    usual = float(np.median(stated))
-    here = levels[[index for index in sorted(wrong) if levels[index] > 0.0]]
-    return bool(np.any(np.maximum(here / usual, usual / here) > _ANOTHER_LEVEL))
-
-
 def _shows(apart: float, gain: float) -> bool:
     """Return whether data show what is a share ``apart`` of what they show with a gain of BIC."""
     return apart**2 * gain >= VERY_STRONG

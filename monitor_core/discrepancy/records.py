@@ -1,17 +1,17 @@
-r"""Judge every record by itself: how far it is from a model, how far with another tag or gain, and which stands out.
+r"""Find records that do not go with the others: wrongly tagged, with a wrong gain, or wrong altogether.
 
-With the misfit m of a record, the deviations :math:`\sigma` of its values and the change S of the misfit by its
-condition errors, χ² of a record under given physics is
+They are taken out one by one, worst first, before anything is explained and again with what was found. With the misfit
+m of a record, the deviations :math:`\sigma` of its values and the change S of the misfit by its condition errors, χ² of
+a record under given physics is
 
 .. math::
 
     \chi^2 = r^T (I + T^T T)^{-1} r, \qquad r = m/\sigma, \qquad T = S/\sigma
 
 A direction g with an unknown amount, such as a gain, takes :math:`(g^T C^{-1} m)^2 / (g^T C^{-1} g)` of it. A tag is
-sought over the whole range that a machine has: a misprint knows no tolerance.
-
-The evidence of a fault is a difference of BIC. With χ² of a record before and after, its mean square s² over the
-records at large and the share a of its values that is independent,
+sought over the whole range that a machine has: a misprint knows no tolerance. The evidence of a fault is a difference
+of BIC. With χ² of a record before and after, its mean square s² over the records at large and the share a of its values
+that is independent,
 
 .. math::
 
@@ -20,12 +20,23 @@ records at large and the share a of its values that is independent,
 The last term is the price of having looked at every record for every fault. A record that is wrong in another way has a
 variance q s² of its own; with n values that is worth :math:`a n (q - 1 - \ln q)`.
 
-What stands out together with the others of one level, all that were taken warm, say, is an effect and no record.
+A wrong record pulls the fit towards itself. What is left of its misfit is small then, and other records stand out in
+its place. With the residuals r of the fit, their derivatives J by its coordinates, the precision
+:math:`G = J^T J + \Pi` with the priors', and the change d of the residuals by a tag of one record, a linear refit with
+that tag free takes
+
+.. math::
+
+    \Delta\chi^2 = \frac{(d^T r)^2}{d^T d - d^T J G^{-1} J^T d}
+
+Added-variable test of a mean shift (Cook and Weisberg, Residuals and Influence in Regression, 1982, section 2.2). What
+stands out together with the others of one level, all that were taken warm, say, is an effect and no record.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Generic
 
 import numpy as np
@@ -35,11 +46,13 @@ from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.explanation import RecordFault, WrongRecord
 from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.comparison import Comparison, HasRecords
 from monitor_core.fitting.conditions.groups import CONDITIONS, levels_of
 from monitor_core.fitting.evidence import VERY_STRONG, evidence_scale
-from monitor_core.fitting.hold_out import judged_gap
-from monitor_core.fitting.solver.hypothesis_fit import Fitted
+from monitor_core.fitting.hold_out import fitted_values, judged_gap
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 
 #: From the median of absolute deviations to the standard deviation of a normal distribution.
 _NORMAL = 1.4826
@@ -162,7 +175,7 @@ def least_along(
 
 
 _N_GRID, _N_HALVINGS = 31, 10
-#: Of a value, to see how the misfit moves with it.
+#: Of a range of tags, to see how the misfit moves with one.
 _STEP = 1e-3
 #: By name in :class:`ConditionArrays`: the fault, its unit and what that is of the unit inside.
 TAGS = {
@@ -173,74 +186,58 @@ TAGS = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Freed:
-    """What one fault would explain of each record; all of shape (n_settings,)."""
+    """What one fault would explain of a record."""
 
     fault: RecordFault
     unit: str
-    stated: FloatArray
-    found: FloatArray
-    deviation: FloatArray  # of what was found
-    taken: FloatArray  # of χ²
+    stated: float
+    found: float
+    deviation: float  # of what was found
+    taken: float  # of χ²
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordsUnderTest(Generic[Physics]):
-    """Some records, and a model that is not fitted to them."""
+def _freed(
+    record: HasRecords[Physics], physics: Physics, scatter: FloatArray, ranges: Mapping[str, tuple[float, float]]
+) -> Iterator[Freed]:
+    """Yield what each fault would explain of one record; a tag that the misfit does not depend on is left out.
 
-    comparison: HasRecords[Physics]  # of these records
-    physics: Physics
-    scatter: FloatArray  # of condition errors, in their tolerances, shape (n_errors,)
-    ranges: Mapping[str, tuple[float, float]]  # of tags
-
-    def costs(self) -> RecordCosts:
-        """Return the misfits as stated."""
-        return record_costs(self.comparison, self.physics, self.scatter)
-
-    def freed(self) -> Iterator[Freed]:
-        """Yield what each fault would explain; a tag that the misfit does not depend on is left out."""
-        here = self.costs()
-        yield from self._gains(here)
-        for tag in TAGS:
-            freed = self._tag(tag, here)
-            if freed is not None:
-                yield freed
-
-    def _gains(self, here: RecordCosts) -> Iterator[Freed]:
-        """Yield the gain of all responses of a record, and the best of those of a single response."""
-        amplitude = np.where(np.isinf(self.comparison.layout.period), 1.0, 0.0)
-        yield _gain(here, amplitude)
-        response = self.comparison.response_of_value
-        first = np.r_[True, np.diff(self.comparison.layout.setting) > 0]
-        within = response - np.maximum.accumulate(np.where(first, response, 0))
-        for column in range(int(np.max(within)) + 1) if np.max(within) else ():
-            yield _gain(here, np.where(within == column, amplitude, 0.0))
-
-    def _tag(self, tag: str, here: RecordCosts) -> Freed | None:
-        records = self.comparison
-        fault, unit, per_unit = TAGS[tag]
-        stated = records.tags(tag)
-        if tag not in self.ranges:
-            return None
-
-        def chi_squared(values: FloatArray) -> FloatArray:
-            try:
-                return record_costs(records.retagged(tag, values), self.physics, self.scatter, 1).chi_squared
-            except OutsideValidityError:
-                return np.full(values.shape, np.inf)
-
-        low, high = (np.full_like(stated, end) for end in self.ranges[tag])
+    The model is not fitted to it. ``scatter`` is that of condition errors, in their tolerances, shape (n_errors,).
+    """
+    here = record_costs(record, physics, scatter)
+    amplitude = np.where(np.isinf(record.layout.period), 1.0, 0.0)
+    response = record.response_of_value - record.response_of_value[0]
+    single = [np.where(response == column, amplitude, 0.0) for column in range(int(np.max(response)) + 1)]
+    for along in [amplitude, *(single if len(single) > 1 else [])]:
+        (taken,), (amount,), (deviation,) = here.taken_by(along)
+        gain = math.exp(amount)  # by which the measured values are too large: ln of it, added, brings them right
+        yield Freed(RecordFault.GAIN, "1", 1.0, gain, deviation * gain, taken)
+    for tag, (fault, unit, per_unit) in TAGS.items():
+        stated = record.tags(tag)
+        if tag not in ranges:
+            continue
+        low, high = (np.full_like(stated, end) for end in ranges[tag])
         step = np.maximum(_STEP * (high - low), 1e-12)
-        if not np.any(slope_by_tag(records, self.physics, tag, stated, step)):
-            return None
+        if not np.any(slope_by_tag(record, physics, tag, stated, step)):
+            continue
         spaced = np.geomspace if tag == "preload" else np.linspace
-        grid = spaced(low, high, _N_GRID)
-        most_likely, _ = least_along(chi_squared, grid, _N_HALVINGS)
-        there = record_costs(records.retagged(tag, most_likely), self.physics, self.scatter)
-        taken = here.chi_squared - there.chi_squared
-        _, _, deviation = there.taken_by(slope_by_tag(records, self.physics, tag, most_likely, step))
-        return Freed(fault, unit, stated * per_unit, most_likely * per_unit, deviation * per_unit, taken)
+        most_likely, _ = least_along(
+            partial(_cost_of_tag, record, physics, scatter, tag), spaced(low, high, _N_GRID), _N_HALVINGS
+        )
+        there = record_costs(record.retagged(tag, most_likely), physics, scatter)
+        _, _, (deviation,) = there.taken_by(slope_by_tag(record, physics, tag, most_likely, step))
+        taken = float((here.chi_squared - there.chi_squared)[0])
+        yield Freed(fault, unit, stated[0] * per_unit, most_likely[0] * per_unit, deviation * per_unit, taken)
+
+
+def _cost_of_tag(
+    record: HasRecords[Physics], physics: Physics, scatter: FloatArray, tag: str, values: FloatArray
+) -> FloatArray:
+    try:
+        return record_costs(record.retagged(tag, values), physics, scatter, 1).chi_squared
+    except OutsideValidityError:
+        return np.full(values.shape, np.inf)
 
 
 def slope_by_tag(
@@ -257,13 +254,6 @@ def slope_by_tag(
     except OutsideValidityError:
         moved = records.retagged(tag, tags + step).misfit(physics)
     return np.asarray(records.layout.difference(moved, here) / step[records.layout.setting])
-
-
-def _gain(here: RecordCosts, along: FloatArray) -> Freed:
-    """Return what a gain explains, by which the measured values are too large: ln of it, added, brings them right."""
-    taken, amount, deviation = here.taken_by(along)
-    gain = np.exp(amount)
-    return Freed(RecordFault.GAIN, "1", np.ones_like(gain), gain, deviation * gain, taken)
 
 
 #: Records that are looked at closely at once, of those that stand out.
@@ -302,16 +292,10 @@ class Look:
         return np.asarray(self.share * np.asarray(n_values) * (q - 1.0 - np.log(q)) - self.penalty - self.price)
 
 
-def worst_record(
-    fitted: Fitted[Physics],
-    whole: HasRecords[Physics],
-    known: frozenset[int],
-    right: frozenset[int] = frozenset(),
-) -> WrongRecord | None:
+def worst_record(fitted: Fitted[Physics], whole: HasRecords[Physics], known: frozenset[int]) -> WrongRecord | None:
     """Return the record that is most surely wrong under a fit, None without any.
 
-    ``whole`` is the comparison of all records, of which ``known`` are found to be wrong already and were not fitted;
-    those that are ``right`` may stand out.
+    ``whole`` is the comparison of all records, of which ``known`` are found to be wrong already and were not fitted.
     """
     overview = _overview(fitted, whole)
     if overview is None:
@@ -319,14 +303,13 @@ def worst_record(
     here, look, _ = overview
     numbers = np.arange(here.chi_squared.size)
     wrong_before = np.isin(numbers, list(known))
-    others = ~wrong_before & ~np.isin(numbers, list(right))
-    scores = np.where(others, _scores(fitted, whole, here, look), -np.inf)
+    scores = np.where(wrong_before, -np.inf, _scores(whole, here, look))
     order = np.argsort(-scores, kind="stable")
     candidates = [
         wrong
         for index in order[:_MOST_CLOSELY].tolist()
         if scores[index] > VERY_STRONG
-        and not _shared_by_level(whole, index, scores, others, wrong_before)
+        and not _shared_by_level(whole, index, scores, wrong_before)
         and (wrong := record_under(fitted, whole, index)) is not None
     ]
     worst = max(candidates, key=lambda wrong: wrong.delta_bic, default=None)
@@ -343,8 +326,7 @@ def record_under(fitted: Fitted[Physics], whole: HasRecords[Physics], index: int
         return None
     here, look, scatter = overview
     physics = fitted.physics()
-    alone = whole.only(frozenset((index,)))
-    tested = RecordsUnderTest(alone, physics, scatter, whole.tag_ranges(physics, index))
+    freed = _freed(whole.only(frozenset((index,))), physics, scatter, whole.tag_ranges(physics, index))
     chi_squared, n_values = float(here.chi_squared[index]), float(here.n_values[index])
     allowed = max(_EXPLAINED, _LEFT * chi_squared / (look.mean_square * n_values)) * look.mean_square * n_values
     wrong = WrongRecord(
@@ -355,20 +337,13 @@ def record_under(fitted: Fitted[Physics], whole: HasRecords[Physics], index: int
         delta_bic=float(look.of_variance(chi_squared, n_values)),
         misfit=math.sqrt(chi_squared / n_values),
     )
-    best = min(tested.freed(), key=lambda freed: chi_squared - float(freed.taken[0]))
-    evidence = float(look.of_taken(best.taken)[0])
-    deviation = float(best.deviation[0]) / math.sqrt(look.factor)
-    has_size = abs(float(best.found[0]) - float(best.stated[0])) >= _LEAST_SIZE * deviation
-    if chi_squared - float(best.taken[0]) <= allowed and evidence > VERY_STRONG and has_size:
-        wrong = replace(
-            wrong,
-            fault=best.fault,
-            stated=float(best.stated[0]),
-            found=float(best.found[0]),
-            standard_uncertainty=deviation,
-            unit=best.unit,
-            delta_bic=evidence,
-        )
+    best = max(freed, key=lambda each: each.taken)
+    evidence = float(look.of_taken(best.taken))
+    deviation = best.deviation / math.sqrt(look.factor)
+    has_size = abs(best.found - best.stated) >= _LEAST_SIZE * deviation
+    if chi_squared - best.taken <= allowed and evidence > VERY_STRONG and has_size:
+        wrong = replace(wrong, fault=best.fault, stated=best.stated, found=best.found, standard_uncertainty=deviation,
+                        unit=best.unit, delta_bic=evidence)  # fmt: skip
     return wrong if wrong.delta_bic > VERY_STRONG else None
 
 
@@ -388,7 +363,7 @@ def _overview(fitted: Fitted[Physics], whole: HasRecords[Physics]) -> tuple[Reco
     return here, look, scatter
 
 
-def _scores(fitted: Fitted[Physics], whole: HasRecords[Physics], here: RecordCosts, look: Look) -> FloatArray:
+def _scores(whole: HasRecords[Physics], here: RecordCosts, look: Look) -> FloatArray:
     """Return how much speaks against each record at first sight, shape (n_settings,).
 
     A variance of its own, a gain, or an error of a tag as far as it is linear.
@@ -401,9 +376,7 @@ def _scores(fitted: Fitted[Physics], whole: HasRecords[Physics], here: RecordCos
     return np.asarray(np.max(scores, axis=0))
 
 
-def _shared_by_level(
-    whole: HasRecords[Physics], index: int, scores: FloatArray, others: BoolArray, wrong_before: BoolArray
-) -> bool:
+def _shared_by_level(whole: HasRecords[Physics], index: int, scores: FloatArray, wrong_before: BoolArray) -> bool:
     """Return whether the other records of an unusual level of one condition stand out, too, or stood out before."""
     for axis in CONDITIONS:
         levels = levels_of(whole.layout, axis)
@@ -415,7 +388,141 @@ def _shared_by_level(
         # with this one more than half of the level would be wrong
         if n_wrong and 2 * n_wrong >= n_same:
             return True
-        rest = same & others
+        rest = same & ~wrong_before
         if np.any(rest) and float(np.median(scores[rest])) > _ALIKE * scores[index]:
             return True
     return False
+
+
+#: Of the squares of a direction, what a refit must leave of it for it to say anything.
+_LEAST_LEFT = 1e-3
+
+
+def bent_to(fitted: Fitted[Physics], records: HasRecords[Physics]) -> dict[int, float]:
+    """Return the records of a fit that would very strongly have a tag or gain of their own, with the evidence for it.
+
+    By their places, best first. ``records`` is the comparison that was fitted. A record that was held out has bent
+    nothing.
+    """
+    taken = np.max([taken_by_each(fitted, row) for row in _directions(fitted, records)], axis=0)
+    scale = evidence_scale(fitted)
+    price = 2.0 * math.log(taken.size * len(RecordFault))
+    evidence = scale.factor * taken - scale.penalty(1) - price
+    order = np.argsort(-evidence, kind="stable")
+    return {index: float(evidence[index]) for index in order.tolist() if evidence[index] > VERY_STRONG}
+
+
+def _directions(fitted: Fitted[Physics], records: HasRecords[Physics]) -> Iterator[FloatArray]:
+    """Yield the changes of the misfit by the condition errors, and by the tags that are none, shape (n_values,)."""
+    whitened_by = fitted.around.whitened_by
+    yield from whitened_by.directions * whitened_by.deviation
+    physics = fitted.physics()
+    ranges = records.tag_ranges(physics, 0)
+    for tag in TAGS:
+        if tag in ranges and tag not in {"position", "preload"}:
+            tags, (low, high) = records.tags(tag), ranges[tag]
+            try:
+                yield slope_by_tag(records, physics, tag, tags, np.full_like(tags, _STEP * (high - low)))
+            except OutsideValidityError:
+                continue
+
+
+def taken_by_each(fitted: Fitted[Physics], change: FloatArray) -> FloatArray:
+    """Return what an unknown amount of a change of the misfit in one record alone takes of χ², (n_settings,).
+
+    Everything else is refitted, as far as the misfit is linear in it.
+    """
+    chosen, setting = fitted.fitted, fitted.comparison.layout.setting
+    n_settings = len(fitted.comparison.layout.settings)
+    along = np.where(chosen, fitted.around.whitened_by(change), 0.0)
+    inverse = np.linalg.pinv(fitted.precision(), hermitian=True)
+
+    def sums(values: FloatArray) -> FloatArray:
+        return np.bincount(setting, weights=along * values, minlength=n_settings).astype(np.float64)
+
+    square = sums(along)
+    with_coordinates = np.array([sums(column) for column in fitted.jacobian.T]).reshape(-1, n_settings)
+    left = square - np.einsum("ks,kl,ls->s", with_coordinates, inverse, with_coordinates)
+    known = left > _LEAST_LEFT * square
+    return np.where(known, sums(fitted.standardised) ** 2 / np.where(known, left, 1.0), 0.0)
+
+
+#: Of the records, how many may be wrong; more is another model.
+_MOST_WRONG = 0.2
+#: Records without which a fit is made again, of those that it seems to have bent to.
+_MOST_BENT_TO = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Records(Generic[Physics]):
+    """All records of a comparison, and which of them are taken out."""
+
+    whole: Comparison[Physics]  # of one without records nothing is taken out
+    wrong: frozenset[int] = frozenset()  # by their settings
+    baseline: Fitted[Physics] | None = None  # of the axis as described to all records, where none is taken out
+
+    @property
+    def kept(self) -> Comparison[Physics]:
+        """The comparison without the records that are taken out."""
+        if not self.wrong or not isinstance(self.whole, HasRecords):
+            return self.whole
+        return self.whole.only(frozenset(range(len(self.whole.layout.settings))) - self.wrong)
+
+    def without(self, record: WrongRecord) -> "Records[Physics]":
+        """Return the records with one more taken out."""
+        return Records(self.whole, self.wrong | {record.number - 1})
+
+    def worst(self, fitted: Fitted[Physics]) -> WrongRecord | None:
+        """Return the record that is most surely wrong under a fit of those that are kept, None without any."""
+        whole = self.whole
+        if not isinstance(whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(whole.layout.settings):
+            return None
+        return worst_record(fitted, whole, self.wrong) or self._bent_to(fitted, whole)
+
+    def _bent_to(self, fitted: Fitted[Physics], whole: HasRecords[Physics]) -> WrongRecord | None:
+        """Return the record that is most surely wrong under a fit without it, None without any."""
+        kept = self.kept
+        evidence = bent_to(fitted, kept) if isinstance(kept, HasRecords) else {}
+        best, *others = [*evidence.values(), 0.0]
+        if judged_gap(fitted).exceeds_healthy and others and best < STANDS_OUT * others[0]:
+            return None  # where much is missing the fit bends to many
+        numbers = [index for index in range(len(whole.layout.settings)) if index not in self.wrong]
+        for place in list(evidence)[:_MOST_BENT_TO]:
+            rest = whole.only(frozenset(numbers) - {numbers[place]})
+            try:
+                without = fit(rest, fitted.hypothesis, fitted.coordinates, fitted_values(rest.layout))
+            except OutsideValidityError:
+                continue
+            worst = worst_record(without, whole, self.wrong)
+            if worst is not None and worst.number - 1 == numbers[place]:
+                return worst
+        return None
+
+    def named(self, fitted: Fitted[Physics]) -> tuple[WrongRecord, ...]:
+        """Return what is wrong with the records that are taken out, under the final fit, worst first.
+
+        One that goes with the others under this fit is not among them.
+        """
+        if not isinstance(self.whole, HasRecords):
+            return ()
+        wrong = [record_under(fitted, self.whole, index) for index in self.wrong]
+        return tuple(sorted((each for each in wrong if each is not None), key=lambda each: -each.delta_bic))
+
+
+def cleared(
+    comparison: Comparison[Physics], axis: DescribedAxis[Physics], progress: Callable[[str], None]
+) -> Records[Physics]:
+    """Return the records without those that stand out from the others under the axis as it is described.
+
+    Raises OutsideValidityError if the axis has no answer.
+    """
+    records, hypothesis = Records(comparison), Hypothesis(axis)
+    start = hypothesis.null
+    while True:
+        kept = records.kept
+        fitted = fit(kept, hypothesis, start, fitted_values(kept.layout))
+        worst = records.worst(fitted)
+        if worst is None:
+            return records if records.wrong else Records(comparison, baseline=fitted)
+        progress(f"taking out record {worst.number} ({worst.setting})")
+        records, start = records.without(worst), fitted.coordinates

@@ -1,1 +1,0 @@
-"""Look at single records: wrongly tagged, with a wrong gain, or wrong altogether."""
