@@ -30,9 +30,8 @@ from monitor_core.discrepancy.localisation.localise import (
     varied_conditions_of_maps,
 )
 from monitor_core.discrepancy.localisation.misfit_kind import signatures
-from monitor_core.discrepancy.screening.sizes import Screened
-from monitor_core.discrepancy.search.found import Found
-from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
+from monitor_core.discrepancy.screening import Screened
+from monitor_core.discrepancy.search.workspace import Found, StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
 from monitor_core.discrepancy.verdict.next_steps import next_steps
 from monitor_core.discrepancy.verdict.outcome import Remainder
@@ -127,7 +126,6 @@ def _found_effect(
         delta_bic=member.delta_bic,
         held_out_log_likelihood_gain=group.held_out_gain,
         aliases=group.aliases,
-        stands_in_for=group.stands_in_for,
         wanders_between=None if wandering is None else (wandering.lowest, wandering.highest),
         recorded_unit=unit,
     )

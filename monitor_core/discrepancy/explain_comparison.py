@@ -10,10 +10,8 @@ from monitor_core.discrepancy.description.describe import Description, describe,
 from monitor_core.discrepancy.description.otherwise import OF_NUT, Otherwise, goes_with_time
 from monitor_core.discrepancy.explanation import Explanation, Outcome, Unfinished, WrongRecord
 from monitor_core.discrepancy.records import Records, cleared
-from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
-from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
-from monitor_core.discrepancy.search.workspace import Workspace
+from monitor_core.discrepancy.search.workspace import Accepted, Found, StoppableAxis, TimeIsUpError, Workspace
 from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, classes_with_fit, margin_between
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,

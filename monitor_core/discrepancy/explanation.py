@@ -102,15 +102,14 @@ class FoundEffect:
     delta_bic: float  # BIC without it less BIC with it
     held_out_log_likelihood_gain: float
     aliases: tuple[str, ...] = ()  # keys of effects that are the same finding: they leave the same residuals
-    stands_in_for: str = ""  # key of an effect that such data cannot test and that would explain more
     #: The lowest and highest frequency that it would have at single settings, where its own wanders [Hz]
     wanders_between: tuple[float, float] | None = None
     recorded_unit: RecordedUnit | None = None  # of an effect that is another unit of a channel
 
     @property
     def plausible(self) -> bool:
-        """Whether it may be what is missing: nothing would explain more, and every parameter is within its range."""
-        return not self.stands_in_for and all(parameter.plausible for parameter in self.parameters.values())
+        """Whether it may be what is missing: every parameter is within its range."""
+        return all(parameter.plausible for parameter in self.parameters.values())
 
 
 @dataclass(frozen=True, slots=True)

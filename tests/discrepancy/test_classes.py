@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
-from monitor_core.discrepancy.search.found import Accepted, Found, Rival, Unseen
+from monitor_core.discrepancy.search.workspace import Accepted, Found, Rival
 from monitor_core.discrepancy.verdict.classes import Member, covariance, equivalence_class, found_parameters
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
@@ -47,7 +47,7 @@ def fitted_with(effect):
 
 
 def classed(
-    effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_delta_bic, floor=COMPARISON.noise_floor, unseen=()
+    effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_delta_bic, floor=COMPARISON.noise_floor
 ):
     """Return the class of an accepted effect with rivals; their ΔBIC as fitted, or as told."""
     comparison = replace(COMPARISON, least_delta_bic=threshold, noise_floor=floor)
@@ -56,7 +56,7 @@ def classed(
     told = evidence or [delta_bic(BASELINE, fitted, by) for fitted in (final, *refitted)]
     entries = zip(rivals, refitted, told[1:], strict=True)
     accepted = Accepted(effect, told[0], 33.0, tuple(Rival(*entry) for entry in entries), BASELINE)
-    return equivalence_class(Found(BASELINE, (final,), final, (accepted,), by, (), 10.0, unseen), accepted, ())
+    return equivalence_class(Found(BASELINE, (final,), final, (accepted,), by, (), 10.0), accepted, ())
 
 
 def keys(found):
@@ -85,20 +85,6 @@ def test_of_twins_the_catalogue_leads(named_first) -> None:
     found = classed(*effects) if named_first else classed(*reversed(effects))
     assert keys(found) == ["quantity-2"]
     assert found.aliases == ("wrong-parameter:c",)
-
-
-@pytest.mark.parametrize(
-    ("better_by", "others", "stands_in_for"), [(1.0, ("amplitude-law",), ""), (500.0, (), "cubic-stiffness")]
-)
-def test_what_no_excitation_varied_may_be_any_law_of_the_amplitude_or_explains_more(
-    better_by, others, stands_in_for
-) -> None:
-    """Where one of its laws does as well, the class holds all of them; where it does better, its name is said."""
-    found = classed(quantity(2), unseen=(Unseen("cubic-stiffness", frozenset({"quantity-2"}), better_by),))
-    assert (found.others, found.look_alikes, found.stands_in_for) == (others, others, stands_in_for)
-    assert found.is_plausible is not bool(stands_in_for)
-    elsewhere = classed(quantity(2), unseen=(Unseen("cubic-stiffness", frozenset({"quantity-4"}), better_by),))
-    assert (elsewhere.others, elsewhere.stands_in_for) == ((), "")
 
 
 def test_of_twins_one_with_a_plausible_value_leads() -> None:

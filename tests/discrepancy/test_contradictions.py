@@ -15,7 +15,7 @@ from monitor_core.discrepancy.explanation import (
     GapPair,
     Outcome,
 )
-from monitor_core.discrepancy.search.clean import is_clean, strain
+from monitor_core.discrepancy.search.search import is_clean, strain
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.uncertainty import Estimate

@@ -8,7 +8,7 @@ import pytest
 
 from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, following_excitation
 from monitor_core.discrepancy.description.variation import QUANTITIES, contacts_for, hung_elsewhere
-from monitor_core.discrepancy.screening.screen import screen
+from monitor_core.discrepancy.screening import screen
 from monitor_core.effects import Variable
 from monitor_core.effects.variation import Form
 from monitor_core.fitting.axis import DescribedDrive

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.discrepancy.screening import screen as module
-from monitor_core.discrepancy.screening.screen import screen
-from monitor_core.discrepancy.screening.sizes import resonances
+from monitor_core.discrepancy.screening import resonances, screen, screen as module
 from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.hypothesis import Hypothesis

@@ -5,7 +5,7 @@ import pytest
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation, Outcome, Untested, UntestedReason
-from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
+from monitor_core.discrepancy.search.workspace import StoppableAxis, TimeIsUpError
 from service.documents.explanation import explanation_document
 from service.documents.explanation_sentences import KEYS, unfinished_sentence
 from service.report.content import report_content

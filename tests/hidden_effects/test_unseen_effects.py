@@ -16,19 +16,23 @@ def poor(machine, seed):
     return Situation(machine=jittered(machine_named(machine), np.random.default_rng([seed, 1])), design="poor")
 
 
+def is_left_open(answer) -> bool:
+    """Return whether nothing is named, or the law of the amplitude is in the class of every name."""
+    return answer.outcome == "unknown" or (
+        answer.outcome == "equivalent" and all("amplitude-law" in effect.equivalent_to for effect in answer.effects)
+    )
+
+
 @pytest.mark.release
 @pytest.mark.parametrize(
     ("kind", "size", "machine", "seed"),
     [("outside:contact-loss", "small", "gantry", 664844176), ("outside:nut-softening", "large", "mini", 664844156)],
 )
-def test_what_a_nut_that_hardens_would_explain_better_is_a_stand_in(kind, size, machine, seed) -> None:
+def test_what_a_nut_that_hardens_would_explain_as_well_is_left_open(kind, size, machine, seed) -> None:
     """Softening and loss of contact, which pass for an exponent of the preload."""
     answer = answered(draw_case(kind, size, 0.003, seed, situation=poor(machine, seed)))
-    assert answer.outcome == "unknown"
-    assert {effect.stands_in_for for effect in answer.effects} == {"cubic-stiffness"}
-    assert not any(effect.plausible for effect in answer.effects)
-    assert {effect.stands_in_for for effect in answer.effects} == {"cubic-stiffness"}
-    assert "vary the excitation level" in next_measurement(answer.next_steps)
+    assert is_left_open(answer)
+    assert "excitation" in next_measurement(answer.next_steps)
 
 
 @pytest.mark.release
@@ -38,7 +42,6 @@ def test_an_exponent_of_the_preload_keeps_its_name(machine) -> None:
     answer = answered(draw_case("preload-exponent", "large", 0.003, 77, situation=poor(machine, 77)))
     (found,) = answer.effects
     assert found.key == "preload-exponent"
-    assert found.stands_in_for == ""
     assert set(found.equivalent_to) <= {"amplitude-law"}
 
 
@@ -47,7 +50,5 @@ def test_what_it_would_do_alone_in_the_place_of_all_leaves_every_name_open() -> 
     """A softening passed for a compliant base beside an exponent; a cubic stiffness alone explains more than both."""
     situation = ("receptance", "finite elements", "mini", "poor", "uniform")
     answer = answered(drawn(Job(152, "outside:nut-softening", "large", 0.003, *situation), 957558161))
-    assert answer.outcome == "unknown"
-    assert [effect.key for effect in answer.effects] == ["base-compliance", "preload-exponent"]
-    assert {effect.stands_in_for for effect in answer.effects} == {"cubic-stiffness"}
-    assert "vary the excitation level" in next_measurement(answer.next_steps)
+    assert is_left_open(answer)
+    assert "excitation" in next_measurement(answer.next_steps)

@@ -17,8 +17,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.description.variation import FreeVariation, Place, TriedLaw
 from monitor_core.discrepancy.explanation import Described, DescribedAlternative, FoundParameter
-from monitor_core.discrepancy.screening.screen import screen
-from monitor_core.discrepancy.screening.sizes import Screened, measured_band
+from monitor_core.discrepancy.screening import Screened, measured_band, screen
 from monitor_core.discrepancy.verdict.classes import Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
 from monitor_core.effects import PORT_EFFECTS, Effect, MachineSizes, Port, port_of, sized_for

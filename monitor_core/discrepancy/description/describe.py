@@ -35,9 +35,8 @@ from monitor_core.discrepancy.description.variation import (
     vary_freely,
 )
 from monitor_core.discrepancy.explanation import Described, DescribedAlternative
-from monitor_core.discrepancy.search.clean import LEAST_SIZE
-from monitor_core.discrepancy.search.found import Found
-from monitor_core.discrepancy.search.time_limit import TimeIsUpError
+from monitor_core.discrepancy.search.search import LEAST_SIZE
+from monitor_core.discrepancy.search.workspace import Found, TimeIsUpError
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
 from monitor_core.effects import Effect, Law, MachineSizes, Variable, varying

@@ -19,7 +19,7 @@ from monitor_core.discrepancy.description.describe import (
     swinging_at_port,
 )
 from monitor_core.discrepancy.description.variation import QUANTITIES, fitted_settings, tried_laws, vary_freely
-from monitor_core.discrepancy.search.stepwise import findings
+from monitor_core.discrepancy.search.search import findings
 from monitor_core.discrepancy.search.workspace import may_lack_more
 from monitor_core.discrepancy.verdict.classes import PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS, goes_with_amplitude
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings

@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.screening.screen import Projection, screen
-from monitor_core.discrepancy.screening.sizes import Screened
-from monitor_core.discrepancy.search.found import Rival
+from monitor_core.discrepancy.screening import Projection, Screened, screen
 from monitor_core.discrepancy.search.workspace import (
+    Rival,
     Workspace,
     better_minimum,
     has_one_minimum,

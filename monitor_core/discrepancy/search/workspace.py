@@ -6,23 +6,22 @@ linear in what may be added, and screening foretells what refits find.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Generic
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.screening.screen import screen
-from monitor_core.discrepancy.screening.sizes import Screened
-from monitor_core.discrepancy.search.found import Rival
-from monitor_core.effects.effect import Effect, Physics
-from monitor_core.errors import OutsideValidityError
+from monitor_core.discrepancy.screening import Screened, screen
+from monitor_core.effects.effect import ConditionAxis, Effect, Physics
+from monitor_core.errors import MonitorCoreError, OutsideValidityError
 from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.groups import has_lines
-from monitor_core.fitting.conditions.settings import is_testable
-from monitor_core.fitting.evidence import VERY_STRONG
+from monitor_core.fitting.conditions.settings import is_testable, varied_conditions
+from monitor_core.fitting.evidence import VERY_STRONG, EvidenceScale
 from monitor_core.fitting.hold_out import fitted_values, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -145,6 +144,71 @@ class SearchSettings:
 
 
 @dataclass(frozen=True, eq=False)
+class Rival(Generic[Physics]):
+    """An effect that was refitted in the place of an accepted effect."""
+
+    effect: Effect[Physics]
+    fitted: Fitted[Physics]
+    delta_bic: float  # against the fit without any of them
+
+
+@dataclass(frozen=True, eq=False)
+class Accepted(Generic[Physics]):
+    """An effect with its rivals, all against the fit without it."""
+
+    effect: Effect[Physics]
+    delta_bic: float
+    held_out_gain: float
+    rivals: tuple[Rival[Physics], ...]  # best first, the effect itself left out
+    without: Fitted[Physics]  # the effect
+
+
+@dataclass(frozen=True, eq=False)
+class Found(Generic[Physics]):
+    """Where a search ended."""
+
+    baseline: Fitted[Physics]
+    steps: tuple[Fitted[Physics], ...]  # after each accepted effect
+    final: Fitted[Physics]
+    accepted: tuple[Accepted[Physics], ...]
+    evidence_scale: EvidenceScale
+    screened: tuple[Screened[Physics], ...]  # what is not in the final fit
+    least_delta_bic: float  # that one more effect would have needed
+
+
+class TimeIsUpError(MonitorCoreError, RuntimeError):
+    """A search was left before its end; what it had come to is in its workspace."""
+
+
+class StoppableAxis(Generic[Physics]):
+    """A described axis that leaves a search, once."""
+
+    def __init__(self, axis: DescribedAxis[Physics], time_is_up: Callable[[], bool]) -> None:
+        self._axis, self._time_is_up, self._may_stop = axis, time_is_up, False
+
+    @contextmanager
+    def stoppable(self) -> Iterator[None]:
+        """Leave what is done meanwhile once time is up; what is made of a search that came to its end is not left."""
+        self._may_stop = True
+        try:
+            yield
+        finally:
+            self._may_stop = False
+
+    @property
+    def uncertain(self) -> Mapping[str, float]:
+        """As of the axis."""
+        return self._axis.uncertain
+
+    def physics(self, ln_ratios: Mapping[str, float]) -> Physics:
+        """Return the axis with parameters moved, as the axis does; raises TimeIsUpError where it may stop, once."""
+        if self._may_stop and self._time_is_up():
+            self._may_stop = False
+            raise TimeIsUpError("time was up before the search had come to its end")
+        return self._axis.physics(ln_ratios)
+
+
+@dataclass(frozen=True, eq=False)
 class Workspace(Generic[Physics]):
     """What is searched, in what, and what the steps of the search share: the best fits, screenings and rivals known."""
 
@@ -237,13 +301,20 @@ class Workspace(Generic[Physics]):
         return best
 
     def remaining(self, fitted: Fitted[Physics]) -> tuple[Effect[Physics], ...]:
-        """Return the candidates that could still be added."""
+        """Return the candidates that could still be added.
+
+        What goes with the amplitude is one at a single level of excitation, too: the amplitude differs from setting to
+        setting all the same, and something else that goes with position or preload would get its name.
+        """
         present = fitted.hypothesis.keys
         physics, layout = fitted.physics(), self.comparison.layout
+        not_needed = {ConditionAxis.LEVEL} if has_lines(layout) else set()
         return tuple(
             effect
             for effect in self.candidates
-            if effect.key not in present and is_testable(effect, layout) and effect.applies(physics)
+            if effect.key not in present
+            and (is_testable(effect, layout) or effect.needs - varied_conditions(layout) == not_needed)
+            and effect.applies(physics)
         )
 
     def screened(self, fitted: Fitted[Physics]) -> tuple[Screened[Physics], ...]:

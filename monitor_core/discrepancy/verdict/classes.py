@@ -14,7 +14,7 @@ from typing import Final, Generic
 import numpy as np
 
 from monitor_core.discrepancy.explanation import FoundParameter
-from monitor_core.discrepancy.search.found import Accepted, Found
+from monitor_core.discrepancy.search.workspace import Accepted, Found
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, Physics
 from monitor_core.errors import OutsideValidityError
@@ -162,7 +162,6 @@ class EquivalenceClass(Generic[Physics]):
     members: tuple[Member[Physics], ...]
     untested: tuple[str, ...]  # keys of what such data cannot test, and that would do as well when it was refitted
     held_out_gain: float
-    stands_in_for: str = ""  # key of an effect that such data cannot test and that would do better
     #: Keys of laws that such data cannot tell from the representative, of the amplitude or of time. No effect of the
     #: catalogue is one: they make no name doubtful where the model lacks something else.
     other_laws: tuple[str, ...] = ()
@@ -170,7 +169,7 @@ class EquivalenceClass(Generic[Physics]):
     @property
     def is_plausible(self) -> bool:
         """Return whether the representative may be what is missing."""
-        return self.representative.plausible and not self.stands_in_for
+        return self.representative.plausible
 
     @property
     def look_alikes(self) -> tuple[str, ...]:
@@ -274,17 +273,9 @@ def equivalence_class(
         else:
             members[alike] = replace(members[alike], aliases=(*members[alike].aliases, member.effect.key))
     members.sort(key=lambda member: (member.effect.key in barred, not member.plausible, -member.delta_bic))
-    least = least_difference(found.final.comparison)
-    instead = [unseen for unseen in found.unseen if accepted.effect.key in unseen.instead_of]
-    untested = foreign_modes(accepted.without, candidates)
-    if any(unseen.delta_bic < least for unseen in instead):
-        untested += (AMPLITUDE_LAW,)  # where the excitation does not vary, which of its laws it is cannot be said
-    better = next((unseen.key for unseen in instead if unseen.delta_bic >= least), "")
-    another = ""
-    if not (better or AMPLITUDE_LAW in untested):  # which say it already
-        another = indistinguishable_law(members[0].effect, members[0].delta_bic, found.final.comparison.layout)
-    laws = (another,) if another else ()
-    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better, laws)
+    another = indistinguishable_law(members[0].effect, members[0].delta_bic, found.final.comparison.layout)
+    untested, laws = foreign_modes(accepted.without, candidates), (another,) if another else ()
+    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, laws)
 
 
 def margin_between(found: Found[Physics], gain: float) -> float:

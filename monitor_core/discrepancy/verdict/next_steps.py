@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor_core.discrepancy.explanation import Described, NextStep, Outcome, StepEffect, StepKind
 from monitor_core.discrepancy.localisation.localise import narrow
-from monitor_core.discrepancy.search.found import Found
+from monitor_core.discrepancy.search.workspace import Found
 from monitor_core.discrepancy.verdict.classes import AMPLITUDE_LAW, TIME_LAW, EquivalenceClass, Member
 from monitor_core.effects import Form, Law, Variable
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics

@@ -7,8 +7,7 @@ import numpy as np
 import scipy
 
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.search.clean import strain
-from monitor_core.discrepancy.search.stepwise import findings
+from monitor_core.discrepancy.search.search import findings, strain
 from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, are_pulled, variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics

@@ -1,1 +1,0 @@
-"""Screen effects: predict cheaply what a refit with each of them would gain."""
