@@ -46,9 +46,7 @@ def fitted_with(effect):
     return fit(COMPARISON, hypothesis, np.full(hypothesis.n_coordinates, 0.3))
 
 
-def classed(
-    effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_delta_bic, floor=COMPARISON.noise_floor
-):
+def classed(effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_delta_bic, floor=COMPARISON.noise_floor):
     """Return the class of an accepted effect with rivals; their ΔBIC as fitted, or as told."""
     comparison = replace(COMPARISON, least_delta_bic=threshold, noise_floor=floor)
     final = replace(fitted_with(effect), comparison=comparison)
