@@ -169,9 +169,6 @@ def remarks(effect: FoundEffect, wording: Wording) -> Iterator[str]:
         if not parameter.plausible:
             value = f"{wording.parameter(name)} = {_value(parameter)}"
             yield f"a stand-in for something else: {value} is beyond its plausible range"
-    if effect.stands_in_for:
-        other = wording.effect(effect.stands_in_for)
-        yield f"a stand-in for something else: {other} would explain more, which such data cannot tell"
     for name, parameter in effect.parameters.items():
         if parameter.at_end:
             yield f"{wording.parameter(name)} = {_value(parameter)} is at an end of the range that is searched"

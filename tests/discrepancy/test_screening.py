@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.discrepancy.screening import resonances, screen, screen as module
+from monitor_core.discrepancy import screening as module
+from monitor_core.discrepancy.screening import resonances, screen
 from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.hypothesis import Hypothesis
