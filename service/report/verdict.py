@@ -5,7 +5,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from monitor_core.discrepancy import Described, Explanation, FoundEffect, GapPair, Outcome, RecordFault, WrongRecord
+from monitor_core.discrepancy.search.workspace import STRAINED
 from monitor_core.effects import PREFIX, Form, Law, Variable
+from monitor_core.fitting.evidence import VERY_STRONG
 from service.documents.explanation_sentences import (
     NAMES,
     alternative_sentence,
@@ -57,6 +59,9 @@ def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for e
             gap = _gap_as_it_is(explanation)
             if explanation.effects:
                 gap = f"with {names}, the best that was found, {_gap_sentence(explanation)}"
+            elif beyond := {name: pull for name, pull in _moved(explanation).items() if abs(pull) > STRAINED}:
+                each = [f"{parameter_words(name)} by {rounded(abs(pull), 2)}" for name, pull in beyond.items()]
+                gap = f"the fit moves {listed(each)} of its tolerances, and then {gap}"
             return f"Something is missing that nothing in the catalogue explains: {gap}.{_without_form(explanation)}"
 
 
@@ -89,6 +94,7 @@ def asides(explanation: Explanation) -> tuple[str, ...]:
         *_record_sentences(explanation),
         *assumption_sentences(explanation),
         *_hidden_in_remainder(explanation),
+        *_nearest(explanation),
         *_scattered(explanation),
         *_pulled(explanation),
         *_strained_before(explanation),
@@ -144,6 +150,14 @@ def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
             f"{names} {verb}, too, but by little compared with what is left: whatever is missing may look so, and "
             f"{they} {are} neither named nor in the model."
         )
+
+
+def _nearest(explanation: Explanation) -> Iterator[str]:
+    """Say what comes nearest to a finding where nothing was found, and how much speaks for it."""
+    best = next(iter(explanation.candidates), None)
+    if explanation.outcome is Outcome.NONE and best is not None and best.delta_bic > VERY_STRONG:
+        evidence, least = rounded(best.delta_bic, 2), rounded(explanation.least_delta_bic, 2)
+        yield f"“{name_of(best.key)}” comes nearest to a finding, with a ΔBIC of {evidence} where {least} is asked."
 
 
 def _scattered(explanation: Explanation) -> Iterator[str]:

@@ -138,7 +138,9 @@ def test_a_declared_parameter_that_is_pulled_beside_what_was_found_is_left(share
     explained = explained_share(baseline, final, left.misfit)
     assert explained == pytest.approx(share, abs=5e-3)
     assert outcome_of((GOOD,), left, explained=explained, settings=SETTINGS) is outcome
-    assert remainder_of(baseline, counts_strain=True).strain == 0.0  # nothing found: its wrong value is no name
+    nothing_found = remainder_of(baseline, counts_strain=True)
+    assert nothing_found.strain == pytest.approx(5.0, rel=0.1)
+    assert outcome_of((), nothing_found, explained=0.0, settings=SETTINGS) is Outcome.UNKNOWN  # and never *none*
 
 
 def errors_of_settings(errors):

@@ -115,6 +115,14 @@ def test_a_parameter_far_off_its_tolerance_is_found_wrong() -> None:
         assert keys(found_in(comparison, [wrong_quantity(0, "a"), quantity(1)]).final) == expected
 
 
+def test_a_parameter_pulled_beyond_belief_needs_no_more_evidence_than_chance_does() -> None:
+    """At five tolerances it is worth less than what the form of a model may feign, here 50, and more than chance."""
+    for size, expected in ((2.9, {"wrong-parameter:a"}), (1.9, set())):
+        comparison = replace(comparison_of(np.array([size, 0.0, 0.0]), np.random.default_rng(3)), least_delta_bic=50.0)
+        found = found_in(comparison, [wrong_quantity(0, "a"), quantity(1)])
+        assert keys(found.final) == expected
+
+
 # --- one after the other ---------------------------------------------------------------------------------------------
 
 
@@ -124,7 +132,7 @@ def test_what_stood_for_two_is_left_out_again() -> None:
     columns = rng.standard_normal((N, 4))
     columns[:, 3] = columns[:, 1] + columns[:, 2] + rng.standard_normal(N)
     comparison = comparison_of(np.array([0.0, 3.0, 3.0, 0.0]), rng, columns=columns)
-    found = found_in(comparison, [quantity(1), quantity(2), quantity(3)], n_first_steps=1)
+    found = found_in(comparison, [quantity(1), quantity(2), quantity(3)])
     assert keys(found.steps[0]) == {"quantity-3"}
     assert keys(found.final) == {"quantity-1", "quantity-2"}
     assert found.steps[-1] is found.final

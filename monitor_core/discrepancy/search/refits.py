@@ -13,11 +13,10 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.screening import Projection, Screened, screen
+from monitor_core.discrepancy.screening import Projection, Screened
 from monitor_core.discrepancy.search.workspace import (
     Rival,
     Workspace,
-    better_minimum,
     has_one_minimum,
     in_same_minimum,
     is_near,
@@ -239,30 +238,9 @@ def _may_be_carried(workspace: Workspace[Physics], current: Fitted[Physics], scr
     scale, gain = evidence_scale(current), _MOST_OF_PREDICTED * screened.predicted_gain
     left = max(current.cost - gain, _LEAST_LEFT * current.cost)  # what is left counts as noise
     evidence = scale.factor * gain * max(current.cost / left, 1.0) if left > 0.0 else math.inf
-    return evidence - scale.penalty(len(screened.effect.parameters)) >= workspace.least_evidence(current)
-
-
-def refit_resonances(workspace: Workspace[Physics], current: Fitted[Physics]) -> Fitted[Physics]:
-    """Return the best fit of the same effects, each that resonates by itself sought once more beside the others.
-
-    What was found before the others may have gone to where one of them resonates. The effect that was added last is
-    left as it is; the order of the effects is kept.
-    """
-    best = current
-    for effect in current.hypothesis.effects[:-1]:
-        if effect.frequency is None or not may_be_elsewhere(best):
-            continue
-        workspace.progress(f"asking whether {effect.key} resonates elsewhere")
-        without = workspace.without(best, effect)
-        for screened in screen(without, [effect]):
-            trial = _fit_from_best_start(workspace, without, screened, without)
-            if trial is not None and _resonates_in_band(trial, effect) and trial.cost < best.cost:
-                best = trial
-    if better_minimum(current, best) is current:
-        return current
-    hypothesis = current.hypothesis
-    ordered = workspace.try_fit(hypothesis, hypothesis.carried_over(best.hypothesis, best.coordinates))
-    return current if ordered is None or ordered.cost > current.cost else ordered
+    return evidence - scale.penalty(len(screened.effect.parameters)) >= workspace.least_evidence(
+        current, screened.effect
+    )
 
 
 def _fit_from_best_start(

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 
-from monitor_core.discrepancy.search.refits import refit_resonances, rivals_at, substitute_effect
+from monitor_core.discrepancy.search.refits import rivals_at, substitute_effect
 from monitor_core.discrepancy.search.workspace import (
     PULLS_OF_TOLERANCES,
     Accepted,
@@ -27,13 +27,12 @@ from monitor_core.discrepancy.search.workspace import (
     are_pulled,
     better_minimum,
     is_far,
-    may_lack_more,
     screening_misleads,
     variances_of_pulls,
 )
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.conditions.groups import has_lines
-from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference, significance
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, significance
 from monitor_core.fitting.hold_out import expected_gain, gain, gap_of, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
@@ -54,12 +53,10 @@ def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None =
     steps = add_stepwise(workspace, first, taken, most_effects=len(first.hypothesis.effects) + 1)
     workspace.remember(baseline)
     has_another = len(steps) > len(taken)
-    if not (has_another and workspace.is_explained_otherwise(workspace.baseline, steps[-1])):
-        steps = add_stepwise(workspace, steps[-1], steps) if has_another else steps
-        # the best without an effect is in no false minimum, as far as an effect has led out of it
-        first = first if first.hypothesis.effects else workspace.baseline
-        steps = _other_first_steps(workspace, first, steps)
-    current = steps[-1] if steps else first if first.hypothesis.effects else workspace.baseline
+    if has_another and not workspace.is_explained_otherwise(workspace.baseline, steps[-1]):
+        steps = add_stepwise(workspace, steps[-1], steps)
+    # the best without an effect is in no false minimum, as far as an effect has led out of it
+    current = steps[-1] if steps else workspace.baseline
     return _ended(workspace, current, steps)
 
 
@@ -148,24 +145,6 @@ def judge_so_far(workspace: Workspace[Physics], axis: StoppableAxis[Physics]) ->
     )
 
 
-def _other_first_steps(
-    workspace: Workspace[Physics], first: Fitted[Physics], steps: list[Fitted[Physics]]
-) -> list[Fitted[Physics]]:
-    """Return the steps, or those from another first effect that end at a better fit, where something is left."""
-    current, settings = steps[-1] if steps else first, workspace.settings
-    rivals = rivals_at(workspace, first) if may_lack_more(current) else ()
-    for rival in rivals[1 : settings.n_first_steps]:
-        least = settings.least_share_of_gain * rivals[0].delta_bic
-        if rival.delta_bic < max(least, workspace.least_evidence(first)):
-            break
-        if not holds(workspace, first, rival.fitted, evidence_scale(rival.fitted)):
-            continue
-        other = add_stepwise(workspace, rival.fitted, [rival.fitted])
-        if delta_bic(current, other[-1], evidence_scale(other[-1])) > least_difference(workspace.comparison):
-            steps, current = other, other[-1]
-    return steps
-
-
 def _leading_to(final: Fitted[Physics], earlier: Sequence[Fitted[Physics]]) -> tuple[Fitted[Physics], ...]:
     """Return fits with the final fit at their end, which replaces a fit of the same effects."""
     return (*(fitted for fitted in earlier if fitted.hypothesis.keys != final.hypothesis.keys), final)
@@ -224,11 +203,13 @@ def add_stepwise(
         if better is None:
             break
         again = _refitted_without(workspace, current, better)
-        if delta_bic(again, better, evidence_scale(better)) < workspace.least_evidence(again):
+        if delta_bic(again, better, evidence_scale(better)) < workspace.least_evidence(
+            again, better.hypothesis.effects[-1]
+        ):
             current = again  # the effect had only led out of a false minimum
             taken[-1:] = [again] if taken else []
             continue
-        before, better = current.hypothesis.keys, refit_resonances(workspace, better)
+        before = current.hypothesis.keys
         current = prune(workspace, better, better.hypothesis.effects[:-1])
         if current.hypothesis.keys <= before:
             break
@@ -256,7 +237,7 @@ def prune(
     for effect in effects:
         without = workspace.without(fitted, effect)
         evidence = delta_bic(without, fitted, evidence_scale(fitted))
-        if evidence < workspace.least_evidence(without) or is_another(fitted, effect):
+        if evidence < workspace.least_evidence(without, effect) or is_another(fitted, effect):
             return prune(workspace, without, [kept for kept in effects if kept.key != effect.key])
     return fitted
 
@@ -298,10 +279,9 @@ def holds(
 
 def _best_addition(workspace: Workspace[Physics], current: Fitted[Physics]) -> Fitted[Physics] | None:
     """Return the fit with the best further effect; None if the evidence carries none."""
-    least = workspace.least_evidence(current)
     for rival in rivals_at(workspace, current):
         scale = evidence_scale(rival.fitted)
-        if delta_bic(current, rival.fitted, scale) < least:
+        if delta_bic(current, rival.fitted, scale) < workspace.least_evidence(current, rival.effect):
             return None
         another = is_another(rival.fitted, rival.fitted.hypothesis.effects[-1])
         if not another and holds(workspace, current, rival.fitted, scale):

@@ -15,6 +15,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.screening import Screened, screen
+from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.errors import MonitorCoreError, OutsideValidityError
 from monitor_core.fitting.axis import DescribedAxis
@@ -31,6 +32,8 @@ _SMALL_MISFIT, _ALMOST_ALL = 0.15, 0.98  # a misfit that this share of the value
 _SMALL_PULL = 6.0  # of a position or a preload, in its standard deviations
 #: Variance of the pulls of settings that too small a tolerance explains: thrice is the most.
 PULLS_OF_TOLERANCES = 9.0
+#: Standard deviations that a declared parameter is pulled by at most where nothing is missing.
+STRAINED = 4.0
 
 
 def gap(fitted: Fitted[Physics]) -> float:
@@ -140,7 +143,6 @@ class SearchSettings:
     least_share_of_gain: float = 0.3
     most_rise: float = 25.0  # of χ², by screening, for an effect to be refitted in the place of an effect found
     most_effects: int = 5
-    n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,16 +352,21 @@ class Workspace(Generic[Physics]):
         self._rivals.append((fitted, rivals))
         return rivals
 
-    def least_evidence(self, without: Fitted[Physics]) -> float:
+    def least_evidence(self, without: Fitted[Physics], effect: Effect[Physics] | None = None) -> float:
         """Return the gain of BIC that one more effect needs.
 
         Where a fit leaves no more than a healthy axis would, nothing but the choice of this effect among all that were
-        screened speaks for it, which may gain 2 ln n by chance (Chen and Chen, Biometrika 95 (2008) 759).
+        screened speaks for it, which may gain 2 ln n by chance (Chen and Chen, Biometrika 95 (2008) 759). That is all
+        that is asked of a parameter that the fit pulls beyond belief: the least of a comparison is what the form of a
+        model may feign, and that pulls no tolerance so far.
         """
         least = self.comparison.least_delta_bic
         if judged_gap(without).exceeds_healthy:
             return least
-        return max(least, VERY_STRONG + 2.0 * math.log(max(len(self.remaining(without)), 1)))
+        by_chance = VERY_STRONG + 2.0 * math.log(max(len(self.remaining(without)), 1))
+        pulls = dict(zip(without.hypothesis.uncertain, without.coordinates.tolist(), strict=False))
+        pull = 0.0 if effect is None else pulls.get(effect.key.removeprefix(PREFIX), 0.0)
+        return by_chance if abs(pull) > STRAINED else max(least, by_chance)
 
 
 def lowest_cost(*fits: Fitted[Physics] | None) -> Fitted[Physics] | None:

@@ -8,7 +8,7 @@ import scipy
 
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.search import findings, strain
-from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, are_pulled, variances_of_pulls
+from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, STRAINED, are_pulled, variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.fitting.conditions.groups import levels_of
@@ -18,10 +18,6 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted
 #: Probability below which it is no chance that errors of settings differ with a condition, of all that are looked at;
 #: and of how many settings an order says something.
 _BY_CHANCE, _FEWEST = 1e-3, 6
-
-
-#: Standard deviations that a declared parameter is pulled by at most where nothing is missing.
-STRAINED = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +77,7 @@ class Remainder:
     gap: JudgedGap
     pulls: Mapping[str, float]  # variances by kind of condition error, from :func:`variances_of_pulls`
     misfit: float  # beyond that of healthy axes, of residuals and of pulls, in χ²
-    strain: float = 0.0  # the largest pull of a declared parameter beside what was found, in σ
+    strain: float = 0.0  # the largest pull of a declared parameter, in σ
     of_settings: float = 0.0  # of this misfit, by the pulls of settings
 
     def is_pulled(self, settings: OutcomeSettings) -> bool:
@@ -113,8 +109,8 @@ def remainder_of(fitted: Fitted[Physics], *, counts_strain: bool = False) -> Rem
             + \sum_j p_j^2
 
     with the excess of the gap over what healthy axes leave, and of the variances of the pulls over one, both only where
-    there is any. With ``counts_strain``, where something was found, pulls :math:`p_j` of declared parameters beyond
-    belief count, too: what has pulled them is missing beside it.
+    there is any. With ``counts_strain`` pulls :math:`p_j` of declared parameters beyond belief count, too: what has
+    pulled them is missing beside what was found, or they are not as stated.
     """
     gap, pulls = judged_gap(fitted), variances_of_pulls(fitted)
     chi_squared = float(np.sum(fitted.standardised[fitted.fitted] ** 2))
@@ -122,7 +118,7 @@ def remainder_of(fitted: Fitted[Physics], *, counts_strain: bool = False) -> Rem
     excesses = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
     of_settings = len(fitted.comparison.layout.settings) * excesses
     declared = np.abs(fitted.coordinates[: fitted.hypothesis.n_uncertain])
-    strains = declared if counts_strain and findings(fitted) else np.zeros(0)
+    strains = declared if counts_strain else np.zeros(0)
     misfit = chi_squared * excess + of_settings + float(np.sum(strains[strains > STRAINED] ** 2))
     return Remainder(gap, pulls, misfit, float(np.max(strains, initial=0.0)), of_settings)
 
