@@ -33,6 +33,8 @@ from monitor_core.discrepancy.explanation import (
     UntestedReason as UntestedReason,
     WrongRecord as WrongRecord,
 )
+from monitor_core.discrepancy.search.workspace import STRAINED as STRAINED
 from monitor_core.discrepancy.verdict.classes import AMPLITUDE_LAW as AMPLITUDE_LAW, TIME_LAW as TIME_LAW
 from monitor_core.fitting.conditions.groups import Dimension as Dimension, Extent as Extent
 from monitor_core.fitting.conditions.settings import SettingTolerances as SettingTolerances
+from monitor_core.fitting.evidence import VERY_STRONG as VERY_STRONG

@@ -4,10 +4,18 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from monitor_core.discrepancy import Described, Explanation, FoundEffect, GapPair, Outcome, RecordFault, WrongRecord
-from monitor_core.discrepancy.search.workspace import STRAINED
+from monitor_core.discrepancy import (
+    STRAINED,
+    VERY_STRONG,
+    Described,
+    Explanation,
+    FoundEffect,
+    GapPair,
+    Outcome,
+    RecordFault,
+    WrongRecord,
+)
 from monitor_core.effects import PREFIX, Form, Law, Variable
-from monitor_core.fitting.evidence import VERY_STRONG
 from service.documents.explanation_sentences import (
     NAMES,
     alternative_sentence,
