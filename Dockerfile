@@ -6,6 +6,7 @@ COPY requirements/runtime.lock requirements/runtime.lock
 COPY monitor_core monitor_core
 COPY service service
 COPY preload_client preload_client
+COPY replay_data replay_data
 RUN python -m venv /opt/preload \
  && /opt/preload/bin/pip install --no-cache-dir --no-deps --require-hashes -r requirements/runtime.lock \
  && /opt/preload/bin/pip install --no-cache-dir --no-deps --no-build-isolation .
@@ -13,12 +14,10 @@ RUN python -m venv /opt/preload \
 FROM python:3.11-slim@sha256:9c900dea9e8fb7e16277c179b555cc72d29a352dbc33cff48ad5a0412fd5bfc7
 RUN useradd --system --create-home --uid 10001 preload && install -d -o preload /var/lib/preload
 COPY --from=build /opt/preload /opt/preload
-COPY replay_data /usr/share/preload/replay_data
 USER preload
 ENV PATH=/opt/preload/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     PRELOAD_DATA_DIR=/var/lib/preload \
-    PRELOAD_REPLAY_DIR=/usr/share/preload/replay_data \
     PRELOAD_HOST=0.0.0.0 \
     PRELOAD_PORT=8710
 VOLUME /var/lib/preload

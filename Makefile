@@ -3,6 +3,10 @@ PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.ready
+#: What runs the service alone: a quarter of what the tests need.
+SERVES := $(VENV)/.serves
+SHELL  := bash
+.SHELLFLAGS := -o pipefail -c
 # A second Python, for `make test-python` alone.
 OTHER      ?= python3.13
 OTHER_VENV := .venv-other
@@ -22,11 +26,23 @@ help:            ## list the targets
 setup: $(STAMP)  ## virtual environment with the locked versions
 
 $(STAMP): requirements/dev.lock pyproject.toml
+	$(call install,$<)
+	@touch $(STAMP) $(SERVES)
+
+# Where the tests' environment is, nothing is to be done: it serves, too.
+$(SERVES): requirements/serve.lock pyproject.toml
+	$(call install,$<)
+	@touch $(SERVES)
+
+# The packages of a lock file and the product itself, into $(VENV), with a line that counts.
+define install
 	@command -v $(PYTHON) >/dev/null || { echo "Python 3.11 is needed; '$(PYTHON)' was not found. Set PYTHON=/path/to/python3.11."; exit 1; }
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --no-deps --require-hashes -r requirements/dev.lock
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	@touch $(STAMP)
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --progress-bar off --no-deps --require-hashes -r $(1) | awk -v n=$$(grep -c == $(1)) \
+		'/^Collecting/ {printf "\rSetting up $(VENV): %d of %d packages fetched", ++i, n; fflush()} \
+		/^Installing/ {printf "; installing them"; fflush()} END {print ""}'
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+endef
 
 # Programs that tests use and pip does not bring, with the packages of Debian that do; Firefox is for `make test-all`.
 TOOLS := chromium-headless-shell:chromium-headless-shell caddy:caddy mosquitto:mosquitto promtool:prometheus
@@ -39,7 +55,7 @@ tools:           ## what tests need of Debian: a browser, a broker, a proxy, pro
 		DEBIAN_FRONTEND=noninteractive apt-get -qq install --yes --no-install-recommends $$packages >/dev/null; \
 	then exit 0; else echo "Not installed:$$packages. Tests of pages need chromium; those of Firefox, a broker, a proxy and rules are left out without the others."; fi
 
-demo: setup      ## replay the bundled sessions through the live service; prints trend and alarms
+demo: $(SERVES)  ## replay the bundled sessions through the live service; prints trend and alarms
 	$(BIN)/preload demo
 
 static: setup    ## lint, types, import contracts, and the docs as a site
@@ -69,7 +85,7 @@ test-python:     ## the tests of `make test` on another Python: make test-python
 
 check: test      ## the same as `make test`
 
-serve: setup     ## the service on this machine (loopback, SQLite under ./var)
+serve: $(SERVES) ## the service on this machine (loopback, SQLite under ./var)
 	$(BIN)/preload serve
 
 docs: setup      ## the pages of docs/ as a site, in build/site (needs no network)
@@ -98,8 +114,9 @@ pictures: setup  ## take docs/pictures again, from the pages of the trial (needs
 
 LOCK := $(BIN)/uv pip compile --quiet --generate-hashes --no-header --python-version 3.11
 
-lock:            ## resolve the two lock files again from pyproject.toml
+lock:            ## resolve the three lock files again from pyproject.toml
 	$(LOCK) --all-extras -o requirements/dev.lock pyproject.toml
+	$(LOCK) --extra tdms --extra uff --extra xlsx --extra mqtt --extra build -c requirements/dev.lock -o requirements/serve.lock pyproject.toml
 	$(LOCK) --extra formats --extra postgres --extra mqtt --extra opcua --extra s3 --extra batch --extra build -c requirements/dev.lock -o requirements/runtime.lock pyproject.toml
 
 clean:           ## remove the virtual environment and caches

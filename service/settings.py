@@ -12,8 +12,9 @@ from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 from service.errors import DataFolderError
 
 VERSION = version("preload-monitor")
-#: In a source checkout the bundled sessions stand beside the packages.
-BUNDLED_SESSIONS = Path(__file__).resolve().parent.parent / "replay_data"
+_HERE = Path(__file__).resolve().parent
+#: A wheel holds the bundled sessions; in a source checkout they stand beside the packages.
+BUNDLED_SESSIONS = folder if (folder := _HERE / "replay_data").is_dir() else _HERE.parent / "replay_data"
 
 
 class Settings(BaseSettings):

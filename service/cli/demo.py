@@ -52,7 +52,7 @@ def demo(stay: bool | None, as_json: bool) -> None:
         settings = Settings(data_dir=Path(folder), port=0, host="127.0.0.1", database_url=None)
         with embedded_service(settings) as url, Client(url) as client:
             print_line(f"dashboard: {url}/", err=True)
-            demonstration = run_demo(client, _bundled(settings))
+            demonstration = run_demo(client, BUNDLED_SESSIONS)
             if as_json:
                 print_json(_document(demonstration))
             else:
@@ -62,11 +62,6 @@ def demo(stay: bool | None, as_json: bool) -> None:
                 _wait()
             elif not as_json:
                 print_line("It ended by itself; in a terminal, or with --stay, its pages stay up to look at.")
-
-
-def _bundled(settings: Settings) -> Path:
-    """Return the folder of the bundled sessions; an installed package is told where they are."""
-    return BUNDLED_SESSIONS if BUNDLED_SESSIONS.is_dir() else settings.replay_dir
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,7 +41,8 @@ def test_every_dependency_of_the_package_is_locked():
         return requirement.partition(">=")[0].partition("[")[0].lower().replace("_", "-")
 
     everything, running = locked("requirements/dev.lock"), locked("requirements/runtime.lock")
-    assert {normalised(requirement) for requirement in PROJECT["dependencies"]} <= running <= everything
+    serving = locked("requirements/serve.lock")
+    assert {normalised(requirement) for requirement in PROJECT["dependencies"]} <= serving <= running <= everything
     for extra in PROJECT["optional-dependencies"].values():
         assert {normalised(requirement) for requirement in extra} <= everything
 
