@@ -7,6 +7,7 @@ from typing import Generic
 
 from monitor_core.discrepancy.assembly import Judged, explanation_of
 from monitor_core.discrepancy.description.describe import Description, describe, describe_elsewhere
+from monitor_core.discrepancy.description.levels import describe_levels
 from monitor_core.discrepancy.description.otherwise import OF_NUT, Otherwise, goes_with_time
 from monitor_core.discrepancy.explanation import Explanation, Outcome, Unfinished, WrongRecord
 from monitor_core.discrepancy.records import Records, cleared
@@ -207,6 +208,7 @@ class _Asked(Generic[Physics]):
         # effects with names that explain what is missing leave nothing to describe but what settings scatter
         if outcome is Outcome.UNKNOWN or (outcome is Outcome.PARTIAL and by_tolerances is Outcome.PARTIAL):
             described = describe(found.baseline, found.final, workspace.candidates, self.sizes, workspace.progress)
+            described = described or describe_levels(found.baseline, found.final, workspace.progress)
             if described is not None and described.fitted is not None:
                 return outcome, _STATED, described
         judged_by = _STATED

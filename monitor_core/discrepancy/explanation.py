@@ -252,6 +252,7 @@ class StepKind(StrEnum):
     TAP_SCREW = "tap-the-screw"
     HOLD_PART = "hold-a-part"
     REPEAT_NOW = "repeat-now"
+    CHECK_PART = "check-a-part"
     WITHIN_TURN = "measure-within-a-turn"  # of what varies about its mean
     WITHIN_TURN_OF_STATED = "measure-within-a-turn-of-stated"  # of what is as stated at one angle
     BETWEEN_LEVELS = "measure-between-levels"

@@ -98,7 +98,7 @@ def effect_file_text(effects: Iterable[Effect[Any]]) -> str:
         if not isinstance(variation, Variation):
             raise RecordingFormatError(f"effects: expected such as vary by a law or swing; got {effect.key}")
         law = variation.law
-        stated = f"reference={law.reference!r}, scale={law.scale!r}"
+        stated = f"reference={law.reference!r}, scale={law.scale!r}" + (f", knots={law.knots!r}" if law.knots else "")
         lines += [
             "    varying(",
             f'        "{variation.record}",',

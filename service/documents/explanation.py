@@ -85,7 +85,7 @@ def _described(described: Described) -> dict[str, object]:
         "place": "screw" if described.place == Place.SCREW_END else described.place,
         "parameter": described.parameter,
         "varies_with": "none" if law is None else law.variable,
-        "law": law and {"form": law.form, "parameters": parameters, **members(law, "reference", "scale")},
+        "law": law and {"form": law.form, "parameters": parameters, **members(law, "reference", "scale", "knots")},
         "parameters": parameters if law is None else {},
         **members(described, "factors", "frequency_hz", "mass_kg", "inertia_kg_m2"),
         "not_distinguished_from": [alternative_sentence(other, KEYS) for other in described.alternatives],

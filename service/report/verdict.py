@@ -298,6 +298,7 @@ _VARIABLES: Final = {
     Variable.PAYLOAD: ("the payload", 1.0, " kg"),
     Variable.TEMPERATURE: ("the temperature", 1.0, " K"),
     Variable.ORDER: ("the order of measurement", 1.0, ""),
+    Variable.NOTHING: ("nothing", 1.0, ""),
 }
 
 
@@ -317,6 +318,8 @@ def described_sentence(described: Described) -> str:
         return f"{swings}{or_else}, the same at every setting"
     with_what, factor, unit = _VARIABLES[described.law.variable]
     what = f"{swings}; its {parameter}" if swings else f"{parameter} at the {described.place}"
+    if described.law.variable is Variable.NOTHING:
+        return f"{what}{or_else} is another one than stated, by {_law(described, described.law, factor, unit)} alike"
     return (
         f"{what} varies with {with_what}{or_else}, as {_law(described, described.law, factor, unit)}{_ends(described)}"
     )
@@ -357,18 +360,26 @@ def _law(described: Described, law: Law, factor: float, unit: str) -> str:
         at_bound = bound(low, high, lambda end: rounded(end, 2))
         return f"({at_bound or f'{rounded(value, 2)}; 95 %: {rounded(low, 2)} to {rounded(high, 2)}'})"
 
-    u = f"u = (x − {reference})/{scale}"
-    match law.form:
-        case Form.LINEAR:
-            return f"1 + {shown('change')} u with {u}"
-        case Form.QUADRATIC:
-            return f"1 + {shown('change')} u + {shown('curvature')} u² with {u}"
-        case Form.PERIODIC:
-            return f"1 + {shown('cosine')} cos φ + {shown('sine')} sin φ with φ = 2πx/{scale}"
-        case Form.YIELDING:
-            wave = f"{shown('cosine')} cos φ + {shown('sine')} sin φ"
-            return f"1/(1 + c + {wave}) with φ = 2πx/{scale}, and c so that it is as stated at one angle"
-        case Form.POWER:
-            return f"the power {shown('exponent')} of x/{reference}"
-        case Form.SATURATING:
-            return f"1 + {shown('change')} x/(x + h) with h = {shown('half_at')} × {scale}"
+    u, low, high = f"u = (x − {reference})/{scale}", law.reference - law.scale, law.reference + law.scale
+    shown_of = {name: shown(name) for name in values}
+    if law.form is Form.LEVELS:
+        changes = iter(shown_of.values())
+        levels = {level: "1" if level == law.reference else f"1 + {next(changes)}" for level in law.knots}
+        return "; ".join(f"{words} at {rounded(factor * level, 4)}{unit}" for level, words in levels.items())
+    step = f"{rounded(factor * low, 4)} and {rounded(factor * high, 4)}{unit}"
+    return _FORMS[law.form].format(**shown_of, u=u, step=step, reference=reference, scale=scale)
+
+
+_FORMS: Final = {
+    Form.CONSTANT: "1 + {change} at every setting",
+    Form.LINEAR: "1 + {change} u with {u}",
+    Form.QUADRATIC: "1 + {change} u + {curvature} u² with {u}",
+    Form.PERIODIC: "1 + {cosine} cos φ + {sine} sin φ with φ = 2πx/{scale}",
+    Form.YIELDING: "1/(1 + c + {cosine} cos φ + {sine} sin φ) with φ = 2πx/{scale}, and c so that it is as stated at "
+    "one angle",
+    Form.POWER: "the power {exponent} of x/{reference}",
+    Form.SATURATING: "1 + {change} x/(x + h) with h = {half_at} × {scale}",
+    Form.CLIPPED: "that of a signal that is clipped at {scale}/c with c = {scale_over_limit}",
+    Form.STEP: "1 + {change} beyond a step between {step}",
+    Form.DIP: "1 + {change} exp(−u²/2) with {u}",
+}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, following_excitation
+from monitor_core.discrepancy.description.levels import describe_levels
 from monitor_core.discrepancy.description.variation import QUANTITIES, contacts_for, hung_elsewhere
 from monitor_core.discrepancy.screening import screen
 from monitor_core.effects import Variable
@@ -231,7 +232,8 @@ def test_what_follows_no_law_is_said_to_be_there_and_no_more():
             changed.append(replace(each, response=each.response * ratio, standard_deviation=deviation))
         return changed
 
-    _, answer, _ = described("none", "medium", 7, by_lot)
+    _, _, before = described("none", "medium", 7, by_lot)
+    answer = describe_levels(before, before, lambda _sentence: None)
     found = answer.described
     assert answer.fitted is None
     assert found.law is None
@@ -246,5 +248,6 @@ def test_what_follows_no_law_is_said_to_be_there_and_no_more():
 @pytest.mark.release
 def test_a_healthy_axis_has_nothing_to_describe():
     """Its settings differ by no more than their tolerances."""
-    _, answer, _ = described("none", "medium", 7)
+    _, answer, before = described("none", "medium", 7)
     assert answer is None
+    assert describe_levels(before, before, lambda _sentence: None) is None

@@ -21,7 +21,7 @@ from monitor_core.uncertainty import Estimate
 from service.documents.explanation_sentences import KEYS, next_measurement, step_sentence, texts
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 
-QUANTITY = re.compile(r"\d[\d.]* (mm|m|N|kg|K|Hz|s|m/s)\b")
+QUANTITY = re.compile(r"\d[\d.]* (mm|m|N|kg|K|Hz|s|m/s|% of what is stated)\b")
 OPEN = (Outcome.UNKNOWN, Outcome.PARTIAL, Outcome.EQUIVALENT)
 N_SETTINGS, N_LINES = 8, 20
 FREQUENCY = np.geomspace(50.0, 1000.0, N_LINES)
@@ -124,9 +124,11 @@ def coefficients(law, size):
 
 
 #: As they are tried: a wave only along the travel, a power only of what is above zero.
+_VARIED = tuple(variable for variable in Variable if variable is not Variable.NOTHING)
 FORMS = {
-    Form.LINEAR: tuple(Variable),
-    Form.QUADRATIC: tuple(Variable),
+    Form.CONSTANT: (Variable.NOTHING,),
+    **dict.fromkeys((Form.LINEAR, Form.QUADRATIC, Form.STEP, Form.DIP), _VARIED),
+    Form.CLIPPED: (Variable.EXCITATION,),
     Form.POWER: (Variable.EXCITATION, Variable.PRELOAD),
     Form.SATURATING: (Variable.EXCITATION, Variable.PRELOAD),
     Form.PERIODIC: (Variable.POSITION,),

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.hidden_effects.kinds import KINDS, PAIRS, SIZES, WRONG_PARTS, Kind, Mechanism
+from tests.hidden_effects.kinds import KINDS, LOCAL_KINDS, PAIRS, SIZES, WRONG_PARTS, Kind, Mechanism
 from tests.hidden_effects.situations import Situation, disturbed, wrongly_recorded, wrongly_set
 from tests.hidden_effects.truth import finite_elements
 from tests.hidden_effects.truth.axis import Axis, Hidden, Parts, Setting
@@ -135,11 +135,12 @@ def draw_case(
             drawn = _with_wrong_part(drawn, key, SIZES.index(size), rng)
             truth[key] = {"ln_ratio": _ln_ratio(drawn, declared, key)}
         else:
-            mechanism, stated = map(under.sized, _drawn_mechanism(KINDS[key], size, rng))
+            kind_ = (KINDS | LOCAL_KINDS)[key]
+            mechanism, stated = map(under.sized, _drawn_mechanism(kind_, size, rng))
             if "loss_factor" in hidden and "loss_factor" in mechanism:  # beside the one that is declared
                 mechanism["loss_factor"] += hidden["loss_factor"]
             hidden |= mechanism
-            unstated += KINDS[key].unstated
+            unstated += kind_.unstated
             truth[key] = truth.get(key, {}) | stated
     drawn, declared = (replace(parts, **dict.fromkeys(unstated, 0.0)) for parts in (drawn, declared))
     axis = Axis(parts=drawn, hidden=Hidden(**hidden))

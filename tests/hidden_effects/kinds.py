@@ -148,6 +148,43 @@ KINDS: dict[str, Kind] = {
     "outside:screw-bending": Kind((2e-3, 6e-3, 2e-2), _plain("bend_eccentricity", "eccentricity_m")),
     "outside:cracked-coupling": Kind((3.0, 10.0, 30.0), _cracked),
 }
+
+
+def _worn(value: float, rng: np.random.Generator) -> Mechanism:
+    place, width = rng.uniform(0.25, 0.75), rng.uniform(0.04, 0.12)
+    return {"wear": value, "wear_at": place, "wear_width": width}, {"share": value, "place": place, "width": width}
+
+
+def _worn_beyond(value: float, rng: np.random.Generator) -> Mechanism:
+    place = rng.uniform(0.3, 0.7)
+    return {"wear": value, "wear_at": place, "wear_width": math.inf}, {"share": value, "place": place}
+
+
+def _pitch(value: float, rng: np.random.Generator) -> Mechanism:
+    waves = rng.uniform(0.4, 1.2)
+    return {"pitch_error": value, "pitch_waves": waves}, {"share": value, "waves": waves}
+
+
+def _belt(value: float, rng: np.random.Generator) -> Mechanism:
+    ratio = rng.uniform(1.3, 2.0)
+    return {"belt_ratio": ratio, "belt_stiffness_share": value}, {"ratio": ratio, "stiffness_share": value}
+
+
+def _lost_at_once(value: float, rng: np.random.Generator) -> Mechanism:
+    when = rng.uniform(0.3, 0.7)
+    return {"lost_mass": value, "lost_at": when}, {"mass_kg": value, "when": when}
+
+
+#: Outside the catalogue too, and no part of the benchmark's draw: what goes with a variable by more than a smooth form.
+LOCAL_KINDS: dict[str, Kind] = {
+    "outside:local-wear": Kind((0.5, 0.75, 0.92), _worn),
+    "outside:wear-beyond": Kind((0.5, 0.75, 0.92), _worn_beyond),
+    "outside:torque-limit": Kind((0.5, 0.35, 0.25), _plain("torque_limit", "torque_nm")),
+    "outside:pitch-error": Kind((0.05, 0.1, 0.2), _pitch),
+    "outside:belt": Kind((0.6, 0.3, 0.15), _belt),
+    "outside:mass-lost": Kind((1.0, 2.0, 4.0), _plain("lost_mass", "mass_kg")),
+    "outside:mass-lost-at-once": Kind((1.0, 2.0, 4.0), _lost_at_once),
+}
 #: A declared part that is not within its tolerance: ln of true over declared.
 WRONG_PARTS: dict[str, tuple[float, float, float]] = {
     "bearing_stiffness": (1.0, 1.4, 2.0),

@@ -34,7 +34,7 @@ _OFF = {"position-tag": (0.01, 0.03, 0.08), "preload-tag": (0.2, 0.4, 0.7), "gai
 #: Fields of what is hidden, and names in a model file, by the unit that they scale with; all others are ratios.
 _UNITS = {
     "kg": ("added_mass", "payload_error", "absorber_mass", "nut_absorber_mass", "nut_mass_before_bracket", "mass_kg",
-           "screw_end_absorber_mass"),
+           "screw_end_absorber_mass", "lost_mass"),
     "kg·m²": ("rotor_absorber_inertia", "inertia_kg_m2"),
     "1/kg": ("structure_residue", "residue_per_kg"),
     "m/N": ("series_compliance", "base_compliance", "compliance_m_per_n"),
@@ -46,6 +46,7 @@ _UNITS = {
     "s²": ("inverse_square_s2",),
     "Hz": ("mounting_frequency", "bandwidth_hz", "base_frequency", "structure_frequency", "absorber_frequency",
            "nut_absorber_frequency", "rotor_absorber_frequency", "screw_end_absorber_frequency", "frequency_hz"),
+    "N·m": ("torque_limit", "torque_nm"),
     "N·m/rad": ("servo_stiffness", "stiffness_nm_per_rad"),
     "N·m·s/rad": ("motor_damping", "damping_nms_per_rad"),
     "1/m²": ("cubic_nut_stiffness", "relative_stiffness_per_m2"),

@@ -1,9 +1,8 @@
 """Define what a description may answer, in which fits it is sought, and when it is believed.
 
 An answer is the law of one quantity, or what swings at a port, in a fit of everything. Where no law holds, the free
-variation of a quantity is a candidate like any law, with as many coefficients as there are settings. It claims no more
-than that something is there: it must take away what is missing on lines that its values were not found from, and by so
-much that a value for each setting is not too many.
+variation of a quantity is a candidate like any law. It claims no more than that something is there: the evidence must
+be for it, and it must take away what is missing on lines that its values were not found from.
 """
 
 import math
@@ -15,7 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.description.variation import FreeVariation, Place, TriedLaw
+from monitor_core.discrepancy.description.variation import (
+    FreeVariation,
+    Place,
+    TriedLaw,
+    evidence_of_variables,
+    fitted_settings,
+    scale_of,
+)
 from monitor_core.discrepancy.explanation import Described, DescribedAlternative, FoundParameter
 from monitor_core.discrepancy.screening import Screened, measured_band, screen
 from monitor_core.discrepancy.verdict.classes import Member, found_parameters
@@ -165,6 +171,11 @@ class Answer:
         """What it leaves counts as noise."""
         return evidence_scale(self.fitted)
 
+    def evidence(self, without: Fitted[AxisPhysics], scale: EvidenceScale) -> float:
+        """Return ΔBIC over a fit without it; what was chosen among levels is paid for like what is fitted."""
+        n_chosen = 0 if self.tried is None else self.tried.n_chosen
+        return delta_bic(without, self.fitted, scale) - scale.penalty(n_chosen)
+
 
 def settled(answer: Answer) -> Answer:
     """Return an answer from where a fit begun anew falls no further: a law may end in a flat and bent valley."""
@@ -187,7 +198,7 @@ def is_evident(answer: Answer) -> bool:
     fitted = answer.fitted
     if answer.tried is None and not _swings_in_the_band(answer):
         return False
-    return delta_bic(answer.before, fitted, answer.scale) >= fitted.comparison.least_delta_bic
+    return answer.evidence(answer.before, answer.scale) >= fitted.comparison.least_delta_bic
 
 
 def _swings_in_the_band(answer: Answer) -> bool:
@@ -229,7 +240,7 @@ def described_by(answer: Answer, alike: tuple[DescribedAlternative, ...], scale:
         effects=(answer.effect,) if tried is None or answer.base.port is None else (answer.base.port, answer.effect),
         alternatives=alike,
         share=share_of_free(answer),
-        delta_bic=delta_bic(answer.before, fitted, scale),
+        delta_bic=answer.evidence(answer.before, scale),
         held_out_log_likelihood_gain=gain(answer.before.held_out, fitted.held_out, scale),
         frequency_hz=frequency,
         mass_kg=size if name == "mass" else None,
@@ -261,20 +272,21 @@ _LEAST_TAKEN = 0.8
 def without_form(
     variations: Sequence[tuple[Fitted[AxisPhysics], FreeVariation]],
 ) -> Described | None:
-    """Return the quantity whose free variation leaves least on lines that were held out; None where none takes enough.
+    """Return the quantity whose free variation gains most on lines that were held out; None where none gains enough.
 
     Each variation stands with the fit that it is about.
     """
     if not variations:
         return None
-    fitted, best = min(variations, key=lambda pair: pair[1].judged)
-    scale = _scale(fitted, best)
-    evidence = _evidence(best, scale)
-    beyond_noise = best.alike - np.count_nonzero(fitted.fitted) * scale.mean_square
-    if evidence < fitted.comparison.least_delta_bic or best.alike - best.judged < _LEAST_TAKEN * beyond_noise:
+    fitted, best = max(variations, key=lambda pair: pair[1].gained)
+    scale = scale_of(fitted, best)
+    evidence = 2.0 * max(evidence_of_variables(best, fitted_settings(fitted), scale.factor).values())
+    n_held_out = np.count_nonzero(~fitted.fitted)
+    missing = float(np.sum(fitted.standardised[~fitted.fitted] ** 2)) - n_held_out * scale.mean_square
+    if evidence < fitted.comparison.least_delta_bic or best.gained < _LEAST_TAKEN * missing:
         return None
     margin = least_difference(fitted.comparison) / scale.factor
-    alike = [other.quantity for _, other in variations if other.judged < best.judged + margin]
+    alike = [other.quantity for _, other in variations if other.gained > best.gained - margin]
     settings = fitted.comparison.layout.settings
     names = [settings[number].name for number in fitted_numbers(fitted).tolist()]
     return Described(
@@ -290,17 +302,6 @@ def without_form(
         ),
         share=1.0,
         delta_bic=evidence,
-        held_out_log_likelihood_gain=0.5 * scale.factor * (best.alike - best.judged),
+        held_out_log_likelihood_gain=0.5 * scale.factor * best.gained,
         factors=dict(zip(names, best.factors.tolist(), strict=True)),
     )
-
-
-def _scale(fitted: Fitted[AxisPhysics], variation: FreeVariation) -> EvidenceScale:
-    """Return the evidence scale at which what the free variation leaves counts as noise."""
-    scale = evidence_scale(fitted)
-    left = variation.free / max(scale.n_values - variation.cost.shape[0], 1)
-    return EvidenceScale(max(left, 1.0), scale.correlation, scale.n_values)
-
-
-def _evidence(variation: FreeVariation, scale: EvidenceScale) -> float:
-    return scale.factor * (variation.alike - variation.free) - scale.penalty(variation.cost.shape[0] - 1)

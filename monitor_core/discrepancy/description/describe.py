@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
+from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.description.answers import (
     Answer,
     Base,
@@ -21,7 +22,6 @@ from monitor_core.discrepancy.description.answers import (
     is_evident,
     settled,
     share_of_free,
-    without_form,
 )
 from monitor_core.discrepancy.description.variation import (
     FreeVariation,
@@ -74,6 +74,7 @@ class Description:
     described: Described
     fitted: Fitted[Any] | None
     kept: frozenset[str]  # keys of the effects with names that it stands beside; it is in the place of others
+    before: Fitted[Any] | None = None  # the fit without anything, where it is judged by other values than a search is
 
     def put_into(
         self, found: Found[Any], classes: Sequence[EquivalenceClass[Any]]
@@ -83,9 +84,11 @@ class Description:
             return found, tuple(classes)
         pairs = zip(found.accepted, classes, strict=True)
         kept = [(accepted, group) for accepted, group in pairs if group.representative.effect.key in self.kept]
-        steps = (*found.steps, self.fitted) if len(kept) == len(classes) else (self.fitted,)
+        steps = (*found.steps, self.fitted) if len(kept) == len(classes) and self.before is None else (self.fitted,)
         accepted = tuple(accepted for accepted, _ in kept)
-        return replace(found, final=self.fitted, steps=steps, accepted=accepted), tuple(group for _, group in kept)
+        baseline = self.before or found.baseline
+        stated = replace(found, baseline=baseline, final=self.fitted, steps=steps, accepted=accepted)
+        return stated, tuple(group for _, group in kept)
 
 
 def describe(
@@ -100,7 +103,7 @@ def describe(
     ``baseline`` is the fit without any effect, ``final`` that with what was found; ``sizes`` of the machine are those
     in which something may swing at a port.
     """
-    if not _may_be_described(baseline):
+    if not may_be_described(baseline):
         return None
     with suppress(TimeIsUpError):
         progress("describing what is left")
@@ -109,10 +112,10 @@ def describe(
         if swinging is not None and _leaves_nothing_else(baseline, swinging):
             return swinging
         of_catalogue = tuple(bases(baseline, final, candidates))
-        described, varied = _described(baseline, final, of_catalogue, at_ports, progress)
+        described, _ = _described(baseline, final, of_catalogue, at_ports, progress)
         if described is None:  # what is least simple is tried where there would be no answer
             described, _ = _described(baseline, final, at_ports, at_ports, progress)
-        return described or _without_form(baseline, final, varied)
+        return described
     return None
 
 
@@ -124,7 +127,7 @@ def swinging_at_port(
     ``fitted`` is what the catalogue has come to so far; what swings leaves next to nothing of the misfit, or no more
     than a healthy axis does and explains as much again. None of a rigid axis or few settings.
     """
-    if not _may_be_described(baseline):
+    if not may_be_described(baseline):
         return None
     progress("asking whether something swings that has no name")
     swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, (baseline, fitted), sizes), progress)
@@ -143,7 +146,7 @@ def following_excitation(
     or so much that it leaves no more than a healthy axis does. None where the excitation does not vary, of a rigid axis
     or few settings.
     """
-    if not _may_be_described(baseline) or ConditionAxis.LEVEL not in varied_conditions(baseline.comparison.layout):
+    if not may_be_described(baseline) or ConditionAxis.LEVEL not in varied_conditions(baseline.comparison.layout):
         return None
     progress("asking whether something follows the excitation by another law")
     law_fit, _ = _described(baseline, fitted, (Base(baseline),), (), progress, least_explained=0.0)
@@ -167,7 +170,7 @@ def _explains_as_much_again(baseline: Fitted[Any], fitted: Fitted[Any], other: F
     return delta_bic(baseline, other, scale) > _AS_MUCH_AGAIN * delta_bic(baseline, fitted, scale)
 
 
-def _may_be_described(baseline: Fitted[Any]) -> bool:
+def may_be_described(baseline: Fitted[Any]) -> bool:
     """Return whether it is a drive, at enough settings; a rigid axis has no ports."""
     return isinstance(baseline.physics(), AxisPhysics) and len(fitted_settings(baseline)) >= _FEWEST_SETTINGS
 
@@ -201,7 +204,7 @@ def describe_elsewhere(
     if not answers:
         return None
     best = min(answers, key=lambda answer: answer.fitted.cost)
-    if not _surpasses(final, best, best.scale) or not _holds(best.before, best, best.scale):
+    if not surpasses(final, best, best.scale) or not holds(best.before, best, best.scale):
         return None
     return Description(described_by(best, (), best.scale), best.fitted, best.before.hypothesis.keys)
 
@@ -244,16 +247,16 @@ def _described(
     if not answers:
         return None, varied
     scale = min(answers, key=lambda answer: answer.fitted.cost).scale
-    answers.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
-    best = _believed(answers, lambda answer: delta_bic(baseline, answer.fitted, scale))
+    answers.sort(key=lambda answer: answer.evidence(baseline, scale), reverse=True)
+    best = _believed(answers, lambda answer: answer.evidence(baseline, scale))
     others = [answer for answer in answers if answer is not best]
     best = settled(best)
     kept = final.hypothesis.keys if final in (best.base.fitted, best.base.before) else frozenset[str]()
     best = _without_needless(best, kept)
     kept &= best.fitted.hypothesis.keys
-    if not _holds(baseline, best, scale, least_explained) or not (kept or _surpasses(final, best, scale)):
+    if not holds(baseline, best, scale, least_explained) or not (kept or surpasses(final, best, scale)):
         return None, varied
-    described = described_by(best, _alike(baseline, best, others, scale), scale)
+    described = described_by(best, alike_to(baseline, best, others, scale), scale)
     return Description(described, best.fitted, kept), varied
 
 
@@ -283,27 +286,21 @@ def _of_contacts(base: Base, tried: TriedLaw) -> TriedLaw | None:
     return None if variation is None else tried_law(variation, tried.law, fitted_settings(base.fitted))
 
 
-def _without_form(baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], varied: _Varied) -> Description | None:
-    """Return what varies by no law, in the axis as stated or with what was found."""
-    stated = [(base.fitted, variation) for base, variation in varied if base.fitted in (baseline, final)]
-    unformed = without_form(stated)
-    return None if unformed is None else Description(unformed, None, final.hypothesis.keys)
-
-
 def _variations(fitted: Fitted[AxisPhysics]) -> Iterator[FreeVariation]:
     """Yield the quantities whose free variation leaves least, best first."""
-    roughly = _best(vary_freely(fitted, quantity, roughly=True) for quantity in quantities_of(fitted.physics()))
+    roughly = best_first(vary_freely(fitted, quantity, roughly=True) for quantity in quantities_of(fitted.physics()))
     closer = (vary_freely(fitted, each.quantity) for each in roughly[: _CLOSER * _QUANTITIES])
-    yield from _best(closer)[:_QUANTITIES]
+    yield from best_first(closer)[:_QUANTITIES]
 
 
-def _best(variations: Iterable[FreeVariation | None]) -> list[FreeVariation]:
+def best_first(variations: Iterable[FreeVariation | None]) -> list[FreeVariation]:
+    """Return those that have an answer, that which leaves least first."""
     return sorted((each for each in variations if each is not None), key=lambda each: each.free)
 
 
 def _laws(fitted: Fitted[AxisPhysics], variation: FreeVariation) -> tuple[TriedLaw, ...]:
     """Return the laws that promise most."""
-    return tried_laws(variation, fitted_settings(fitted), fitted.physics().screw.lead)[:_LAWS_OF_EACH]
+    return tried_laws(fitted, variation)[:_LAWS_OF_EACH]
 
 
 def _is_near(tried: TriedLaw, best: TriedLaw) -> bool:
@@ -311,13 +308,18 @@ def _is_near(tried: TriedLaw, best: TriedLaw) -> bool:
     return tried.cost <= best.cost + _WORTH_A_REFIT * (best.variation.alike - best.cost)
 
 
-def refit_with_law(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> Answer | None:
-    """Return a fit with a law of a quantity, and with all else; None where the axis has no answer with it."""
+def refit_with_law(
+    base: Base, tried: TriedLaw, progress: Callable[[str], None], others: FloatArray | None = None
+) -> Answer | None:
+    """Return a fit with a law of a quantity, and with all else; None where the axis has no answer with it.
+
+    All else starts as it is in the base, or from ``others``.
+    """
     quantity, law, before = tried.variation.quantity, tried.law, base.fitted
     progress(f"refitting with {quantity.name} that varies with {law.variable}, {law.form}")
     effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, law)
     hypothesis = before.hypothesis.with_effect(effect)
-    start = hypothesis.carried_over(before.hypothesis, before.coordinates)
+    start = hypothesis.carried_over(before.hypothesis, before.coordinates if others is None else others)
     pairs = zip(tried.coefficients, effect.parameters, strict=True)
     start[start.size - len(effect.parameters) :] = [(value - item.null) / item.scale for value, item in pairs]
     try:
@@ -369,7 +371,7 @@ def _without_needless(answer: Answer, kept: frozenset[str]) -> Answer:
         return answer
 
 
-def _holds(
+def holds(
     baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale, least_explained: float = _LEAST_EXPLAINED
 ) -> bool:
     """Return whether it explains most of what is missing, on data that were held out, too."""
@@ -383,16 +385,16 @@ def _holds(
 
 def _is_borne_out(without: Fitted[AxisPhysics], answer: Answer) -> bool:
     """Return whether the data ask for what is described, and it explains most of what a fit is without."""
-    return is_evident(answer) and _holds(without, answer, answer.scale)
+    return is_evident(answer) and holds(without, answer, answer.scale)
 
 
-def _surpasses(final: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:
+def surpasses(final: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:
     """Return whether it explains more than the effects with names in whose place it would stand, if there are any."""
     more = delta_bic(final, answer.fitted, scale)
     return not final.hypothesis.effects or more >= least_difference(answer.fitted.comparison)
 
 
-def _alike(
+def alike_to(
     baseline: Fitted[AxisPhysics], best: Answer, others: Sequence[Answer], scale: EvidenceScale
 ) -> tuple[DescribedAlternative, ...]:
     """Return what the data do not distinguish from the best."""

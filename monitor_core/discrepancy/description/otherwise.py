@@ -18,7 +18,7 @@ from monitor_core.discrepancy.description.describe import (
     refit_with_law,
     swinging_at_port,
 )
-from monitor_core.discrepancy.description.variation import QUANTITIES, fitted_settings, tried_laws, vary_freely
+from monitor_core.discrepancy.description.variation import QUANTITIES, tried_laws, vary_freely
 from monitor_core.discrepancy.search.search import findings
 from monitor_core.discrepancy.search.workspace import may_lack_more
 from monitor_core.discrepancy.verdict.classes import PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS, goes_with_amplitude
@@ -106,7 +106,7 @@ def goes_with_time(without: Fitted[Any], final: Fitted[Any], margin: float, prog
     variation = vary_freely(without, _NUT_STIFFNESS)
     if variation is None:
         return False
-    tried = tried_laws(variation, fitted_settings(without), axis.screw.lead)
+    tried = tried_laws(without, variation)
     of_time = [each for each in tried if each.law.variable is Variable.ORDER]
     answers = (refit_with_law(Base(without), each, progress) for each in of_time[:_REFITS])
     return any(

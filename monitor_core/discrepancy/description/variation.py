@@ -6,25 +6,37 @@ anything else here. The quantity whose variation takes most of the misfit away s
 values that it would need say how that behaves. (A random effect of the setting; the pulls of position, preload and
 gains are the special cases that every fit has.)
 
-Where no law holds, these values are all that can be said. They are judged by data that they were not found from: of
-each setting one half of the lines, in short runs that alternate, gives θ, and the other half what that leaves.
+Settings that are alike in a variable have like values where the quantity follows that variable. With the values θ that
+the settings ask for, their variances v, and x of each, the evidence for that is
+
+.. math::
+
+    \ln p(\theta) = -\tfrac12 \ln\det S - \tfrac12 (\theta - \mu)^T S^{-1} (\theta - \mu) - \tfrac12 \ln 1^T S^{-1} 1,
+    \qquad S = \mathrm{diag}(v) + a^2 \left(\rho I + (1 - \rho) e^{-(x - x')^2/2\ell^2}\right)
+
+of a Gaussian process, averaged over its amplitude a, its length ℓ and what share ρ is each setting's own, with the best
+mean μ (Rasmussen and Williams, Gaussian Processes for Machine Learning, section 5.4); without a variable that is all.
+Where no law holds, these values are all that can be said. They are judged on lines that they were not found from.
 """
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
+from scipy.special import logsumexp
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.effects import ConditionAxis
-from monitor_core.effects.variation import Form, Law, Variable
+from monitor_core.effects.variation import GEAR_RATIO, Form, Law, Variable, has_quantity, multiplied
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import Setting
+from monitor_core.fitting.comparison import CommonErrors, Setting
+from monitor_core.fitting.evidence import EvidenceScale, evidence_scale
 from monitor_core.fitting.solver.costs_of_settings import fitted_numbers, squares_of_values, summed_by_setting
-from monitor_core.fitting.solver.hypothesis_fit import Fitted
+from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics, AxisSetting
 from monitor_core.models.parameters import name_in_file
 
@@ -78,6 +90,10 @@ QUANTITIES = (
     _stated("bodies", "motor_damping", Place.MOTOR),
     _stated("bodies", "table_mass", Place.TABLE),
     _stated("bodies", "table_damping", Place.TABLE),
+    Quantity("", GEAR_RATIO, Place.MOTOR, "gear_ratio"),
+    Quantity("screw", "lead", Place.SCREW, "travel_per_turn_m"),
+    Quantity("added", "torque_ln_factor", Place.MOTOR, "torque_gain"),
+    Quantity("added", "response_ln_factor", Place.SENSOR, "response_gain"),
     Quantity("screw", "axial_rigidity", Place.SCREW, "screw_axial_rigidity_n"),
     Quantity("screw", "torsional_rigidity", Place.SCREW, "screw_torsional_rigidity_nm2"),
     Quantity("added", "table_absorber_frequency", Place.TABLE, "frequency_hz"),
@@ -129,15 +145,17 @@ def quantities_of(axis: AxisPhysics) -> tuple[Quantity, ...]:
     absent = {frequency for frequency, size in _OF_SIZE.items() if not getattr(axis.added, size)}
     absent |= set() if axis.bending.compliance else {_OF_BENDING}
     present = [quantity for quantity in QUANTITIES if quantity.field not in absent]
-    return tuple(quantity for quantity in present if math.isfinite(value := quantity.of(axis)) and value != 0.0)
+    return tuple(quantity for quantity in present if has_quantity(axis, quantity.record, quantity.field))
 
 
+#: Of χ² over θ², below which a setting asks for nothing.
+_FLAT = 1e-3
 _COARSE = np.array([0.03, 0.07, 0.12, 0.2, 0.3, 0.45, 0.7, 1.1, 1.6, 2.3, 3.2, 4.2])
 _FEW = _COARSE[1::3]
 #: A resonance of its own is narrow: of a damping ratio of a few per cent no step may lie far from the next.
 _FINE = np.concatenate([np.arange(0.015, 0.3, 0.015), [0.36, 0.44, 0.54]])
-#: Values one after the other that are in one half: neighbours are alike.
-_RUN = 4
+#: Lines one after the other that are held out, and of how many: neighbours are alike.
+_RUN, _OF_LINES = 4, 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,12 +165,12 @@ class FreeVariation:
     quantity: Quantity
     ln_factor: FloatArray  # θ, rising, shape (n_values,)
     cost: FloatArray  # χ² of each fitted setting at each θ, shape (n_settings, n_values)
-    half: FloatArray  # of that, what one half of the lines adds
+    held_out: FloatArray  # the same of lines of these settings that were not fitted
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ln_factor", read_only(self.ln_factor))
         object.__setattr__(self, "cost", read_only(self.cost))
-        object.__setattr__(self, "half", read_only(self.half))
+        object.__setattr__(self, "held_out", read_only(self.held_out))
 
     @property
     def alike(self) -> float:
@@ -165,12 +183,21 @@ class FreeVariation:
         return float(np.sum(np.min(self.cost, axis=1)))
 
     @property
-    def judged(self) -> float:
-        """χ² with the quantity as the other half of the lines of each setting has it best."""
-        other, settings = self.cost - self.half, np.arange(self.cost.shape[0])
-        return float(
-            np.sum(self.half[settings, np.argmin(other, axis=1)] + other[settings, np.argmin(self.half, axis=1)])
-        )
+    def gained(self) -> float:
+        """χ² of the lines that were held out: with the quantity best for all settings alike, less best for each."""
+        of_all = self.held_out[:, np.argmin(np.sum(self.cost, axis=0))]
+        own = self.held_out[np.arange(self.cost.shape[0]), np.argmin(self.cost, axis=1)]
+        return float(np.sum(of_all) - np.sum(own))
+
+    @property
+    def asked(self) -> tuple[FloatArray, FloatArray]:
+        """θ that each setting asks for, and its variance for residuals of size one, each of shape (n_settings,)."""
+        best = np.clip(np.argmin(self.cost, axis=1), 1, self.ln_factor.size - 2)
+        near = best + np.arange(-1, 2)[:, None]
+        (left, middle, right), values = self.ln_factor[near], self.cost[np.arange(best.size), near]
+        before, after = np.diff(values, axis=0) / np.diff(self.ln_factor[near], axis=0)
+        bend = np.maximum((after - before) / (right - left), _FLAT)
+        return np.clip(0.5 * (left + middle) - 0.5 * before / bend, left, right), 1.0 / bend
 
     @property
     def factors(self) -> FloatArray:
@@ -187,25 +214,45 @@ class FreeVariation:
         return np.asarray(np.sum(cost, axis=-1))
 
 
-def vary_freely(fitted: Fitted[AxisPhysics], quantity: Quantity, *, roughly: bool = False) -> FreeVariation | None:
+def vary_freely(
+    fitted: Fitted[AxisPhysics], quantity: Quantity, *, roughly: bool = False, here: AxisPhysics | None = None
+) -> FreeVariation | None:
     """Return what the settings that were fitted leave with a quantity of their own; None where there is no answer.
 
-    Seen ``roughly`` it varies by a few values only, enough to tell what may be worth a closer look.
+    It varies about the axis as fitted, or about one ``here`` that is near to that. Seen ``roughly`` it varies by a few
+    values only, enough to tell what may be worth a closer look.
     """
     steps = _FINE if quantity.is_frequency else _FEW if roughly else _COARSE
     grid, costs = np.concatenate([-steps[::-1], [0.0], steps]), []
-    here = fitted.physics()
+    here = here or fitted.physics()
     for theta in grid:
         costs.append((theta, _squares(fitted, quantity, here, theta)))
     answered = [(theta, squares) for theta, squares in costs if squares is not None]
     if len(answered) < 3:
         return None
-    one_half = np.arange(fitted.comparison.layout.n_values) // _RUN % 2 == 0
-    whole, half = (
+    seen = fitted.fitted.astype(np.float64)
+    fitted_lines, others = (
         np.array([summed_by_setting(fitted, squares * chosen) for _, squares in answered]).T
-        for chosen in (np.ones_like(one_half), one_half)
+        for chosen in (seen, 1.0 - seen)
     )
-    return FreeVariation(quantity, np.array([theta for theta, _ in answered]), whole, half)
+    return FreeVariation(quantity, np.array([theta for theta, _ in answered]), fitted_lines, others)
+
+
+def judged_on_lines(fitted: Fitted[AxisPhysics]) -> Fitted[AxisPhysics]:
+    """Return a fit to all settings, and to most of their lines, whatever was held out: the same lines of each setting.
+
+    What is local cannot be seen, nor told, where nothing was fitted. Raises OutsideValidityError as a fit does.
+    """
+    layout = fitted.comparison.layout
+    number = np.unique(layout.frequency, return_inverse=True)[1]
+    out = number % _OF_LINES < _RUN
+    common = layout.common
+    if common is not None:
+        group = np.unique(np.column_stack([common.group, out]), axis=0, return_inverse=True)[1].reshape(-1)
+        common = CommonErrors(group, common.deviation)
+    there: Any = fitted.comparison
+    comparison = replace(there, layout=replace(layout, held_out=(out,), common=common))
+    return fit(comparison, fitted.hypothesis, fitted.coordinates, ~out, errors=fitted.around.errors)
 
 
 def fitted_settings(fitted: Fitted[AxisPhysics]) -> tuple[AxisSetting, ...]:
@@ -228,17 +275,20 @@ def _setting(stated: Setting, order: float) -> AxisSetting:
 
 
 def _squares(fitted: Fitted[AxisPhysics], quantity: Quantity, here: AxisPhysics, theta: float) -> FloatArray | None:
-    record = getattr(here, quantity.record)
     try:
-        moved = replace(record, **{quantity.field: np.exp(theta) * quantity.of(here)})
-        return squares_of_values(fitted, replace(here, **{quantity.record: moved}))
+        moved = multiplied(here, quantity.record, quantity.field, math.exp(theta))
+        return squares_of_values(fitted, moved)
     except OutsideValidityError:
         return None
 
 
-#: Levels of a variable that a form of one coefficient, and one of two, needs.
+#: Levels of a variable that a form needs, which are the fewer the fewer coefficients it has.
 _FEWEST_LEVELS = {Form.LINEAR: 2, Form.POWER: 3, Form.SATURATING: 3, Form.QUADRATIC: 4, Form.PERIODIC: 5,
-                  Form.YIELDING: 4}  # fmt: skip
+                  Form.YIELDING: 4, Form.CLIPPED: 2, Form.STEP: 3, Form.DIP: 4}  # fmt: skip
+#: What is so at some levels alone; how many numbers of it, beside its coefficients, are chosen among levels.
+_LOCAL = {Form.CLIPPED: 0, Form.STEP: 1, Form.DIP: 2}
+_WIDTHS = (0.4, 0.7, 1.2)  # of a dip, of the distance of levels
+_MOST_LEVELS, _KNOTS = 8, 5  # with a value of their own; of more levels, how many have one
 #: Coefficients that are tried; a refit finds what lies between them.
 _CHANGES = np.concatenate([-np.geomspace(0.02, 1.2, 14)[::-1], np.geomspace(0.02, 4.0, 16)])
 _EXPONENTS = np.concatenate([-np.geomspace(0.02, 1.5, 12)[::-1], np.geomspace(0.02, 1.5, 12)])
@@ -257,40 +307,138 @@ class TriedLaw:
     coefficients: tuple[float, ...]
     cost: float  # χ² over the settings that were fitted
 
+    @property
+    def n_chosen(self) -> int:
+        """How many numbers were chosen among levels, which no refit moves."""
+        return _LOCAL.get(self.law.form, 0)
 
-def tried_laws(variation: FreeVariation, settings: tuple[AxisSetting, ...], lead: float) -> tuple[TriedLaw, ...]:
-    """Return every law that the settings could show, at its best coefficients, least χ² with its penalty first."""
-    tried = [tried_law(variation, law, settings) for law in _laws(settings, lead)]
-    laws = [law for law in tried if law is not None]
-    penalty = np.log(max(variation.cost.shape[0], 2))
-    return tuple(sorted(laws, key=lambda tried: tried.cost + penalty * len(tried.coefficients)))
+    @property
+    def n_found(self) -> int:
+        """How many numbers the law has in all."""
+        return len(self.coefficients) + self.n_chosen
 
 
-def _laws(settings: tuple[AxisSetting, ...], lead: float) -> Iterator[Law]:
+#: Amplitudes of what varies over levels; lengths over which it stays alike, of the span of the levels.
+_SWINGS, _LENGTHS = (0.03, 0.1, 0.3, 1.0), (0.1, 0.2, 0.4, 0.8)
+_OWN = (0.0, 0.03, 0.3)  # of its variance, what is each setting's own beside that [-]
+
+
+def evidence_of_variables(
+    variation: FreeVariation, settings: tuple[AxisSetting, ...], factor: float
+) -> dict[Variable | None, float]:
+    """Return ln of the evidence that the quantity follows each variable that varies, over that for a constant.
+
+    None is no variable: a value of its own at each setting. ``factor`` is what χ² counts for.
+    """
+    asked, variance = variation.asked
+    variance = variance / factor
+    own = np.eye(asked.size)
+    alike: dict[Variable | None, FloatArray] = {None: own[None]}
     for variable in Variable:
         x = np.array([variable.of(setting) for setting in settings])
-        levels, span = np.unique(np.round(x, 9)).size, float(np.ptp(x))
+        if (span := float(np.ptp(x))) > 0.0:
+            distance = np.subtract.outer(x, x) / span
+            near = np.array([np.exp(-0.5 * (distance / length) ** 2) for length in _LENGTHS])
+            alike[variable] = np.concatenate([share * own + (1.0 - share) * near for share in _OWN])
+    constant = _evidence(asked, np.diag(variance))
+    found = dict[Variable | None, float]()
+    for which, kernels in alike.items():
+        each = [_evidence(asked, np.diag(variance) + a**2 * kernel) for a in _SWINGS for kernel in kernels]
+        found[which] = float(logsumexp(each)) - math.log(len(each)) - constant
+    return found
+
+
+def _evidence(values: FloatArray, covariance: FloatArray) -> float:
+    inverse = np.linalg.inv(covariance)
+    weight = float(np.sum(inverse))
+    away = values - float(np.sum(inverse @ values)) / weight
+    return -0.5 * float(np.linalg.slogdet(covariance)[1] + away @ inverse @ away + math.log(weight))
+
+
+def _levels(x: FloatArray) -> FloatArray:
+    return np.unique(np.round(x, 9))
+
+
+def constant_law(variation: FreeVariation) -> TriedLaw:
+    """Return the law of a quantity that is another one at every setting alike."""
+    cost = np.sum(variation.cost, axis=0)
+    change = math.expm1(variation.ln_factor[int(np.argmin(cost))])
+    return TriedLaw(variation, Law(Variable.NOTHING, Form.CONSTANT, 0.0, 1.0), (change,), float(np.min(cost)))
+
+
+def law_of_levels(variation: FreeVariation, variable: Variable, settings: tuple[AxisSetting, ...]) -> TriedLaw:
+    """Return the law with a value at each level of a variable, at those that the settings ask for."""
+    x = np.array([variable.of(setting) for setting in settings])
+    levels = _levels(x)
+    knots = levels if levels.size <= _MOST_LEVELS else np.linspace(levels[0], levels[-1], _KNOTS)
+    middle = knots.size // 2
+    law = Law(variable, Form.LEVELS, float(knots[middle]), float(np.ptp(knots)), tuple(knots.tolist()))
+    asked, variance = variation.asked
+    near = np.array([np.interp(x, knots, row) for row in np.eye(knots.size)]).T
+    values = np.linalg.lstsq(variance[:, None] ** -0.5 * near, variance**-0.5 * asked, rcond=None)[0]
+    changes = np.delete(np.expm1(values - values[middle]), middle)
+    return TriedLaw(variation, law, tuple(changes.tolist()), math.nan)
+
+
+def tried_laws(
+    fitted: Fitted[AxisPhysics], variation: FreeVariation, of_levels: Variable | None = None
+) -> tuple[TriedLaw, ...]:
+    """Return every law that the settings could show, at its best coefficients, least χ² with its penalty first.
+
+    With ``of_levels`` they are laws of that variable, and such among them as hold at some of its levels alone.
+    """
+    settings, lead = fitted_settings(fitted), fitted.physics().screw.lead
+    tried = [tried_law(variation, law, settings) for law in _laws(settings, lead, of_levels)]
+    laws = [law for law in tried if law is not None]
+    penalty = np.log(max(variation.cost.shape[0], 2))
+    return tuple(sorted(laws, key=lambda tried: tried.cost + penalty * tried.n_found))
+
+
+def scale_of(fitted: Fitted[AxisPhysics], variation: FreeVariation) -> EvidenceScale:
+    """Return the evidence scale at which what the free variation leaves counts as noise."""
+    scale = evidence_scale(fitted)
+    left = variation.free / max(scale.n_values - variation.cost.shape[0], 1)
+    return EvidenceScale(max(left, 1.0), scale.correlation, scale.n_values)
+
+
+def _laws(settings: tuple[AxisSetting, ...], lead: float, of_levels: Variable | None) -> Iterator[Law]:
+    for variable in Variable if of_levels is None else (of_levels,):
+        x = np.array([variable.of(setting) for setting in settings])
+        levels, span = _levels(x), float(np.ptp(x))
         if span <= 1e-6 * max(float(np.max(np.abs(x))), 1e-30):
             continue
         middle = float(np.median(x)) if variable is not Variable.ORDER else 0.0
         for form, fewest in _FEWEST_LEVELS.items():
-            if levels < fewest:
+            if levels.size < fewest or (form in _LOCAL and of_levels is None):
                 continue
             if form in (Form.PERIODIC, Form.YIELDING):
                 if variable is Variable.POSITION:
                     yield Law(variable, form, 0.0, lead)
-            elif form in (Form.POWER, Form.SATURATING):
+            elif form in (Form.POWER, Form.SATURATING, Form.CLIPPED):
                 if variable in (Variable.EXCITATION, Variable.PRELOAD) and float(np.min(x)) > 0.0:
                     yield Law(variable, form, middle, middle)
+            elif form in _LOCAL:
+                yield from _at_places(variable, form, levels)
             else:
                 yield Law(variable, form, middle, span)
+
+
+def _at_places(variable: Variable, form: Form, levels: FloatArray) -> Iterator[Law]:
+    """Yield steps between levels, or dips of several widths at them and between them."""
+    between, halves = 0.5 * (levels[1:] + levels[:-1]), 0.5 * np.diff(levels)
+    if form is Form.STEP:
+        yield from (Law(variable, form, *pair) for pair in zip(between.tolist(), halves.tolist(), strict=True))
+        return
+    apart = float(np.mean(np.diff(levels)))
+    for place, width in itertools.product([*levels.tolist(), *between.tolist()], _WIDTHS):
+        yield Law(variable, form, place, width * apart)
 
 
 def tried_law(variation: FreeVariation, law: Law, settings: tuple[AxisSetting, ...]) -> TriedLaw | None:
     """Return a law at the best of the coefficients that are tried, beside the best level of the quantity, if any is."""
     x = np.array([law.variable.of(setting) for setting in settings])
     combinations, factors = [], []
-    for coefficients in _tried(law.form):
+    for coefficients in _TRIED[law.form]:
         factor = _factors(law, x, coefficients)
         if factor is not None:
             combinations.append(coefficients)
@@ -312,16 +460,13 @@ def _factors(law: Law, x: FloatArray, coefficients: tuple[float, ...]) -> FloatA
         return None
 
 
-def _tried(form: Form) -> Iterable[tuple[float, ...]]:
-    """Return the coefficients that are tried."""
-    match form:
-        case Form.LINEAR:
-            return itertools.product(_CHANGES)
-        case Form.POWER:
-            return itertools.product(_EXPONENTS)
-        case Form.SATURATING:
-            return itertools.product(_CHANGES, _HALF_AT)
-        case Form.QUADRATIC | Form.PERIODIC:
-            return itertools.product(_SECOND, _SECOND)
-        case Form.YIELDING:
-            return ((size * np.cos(angle), size * np.sin(angle)) for size in _AMPLITUDES for angle in _ANGLES)
+#: Coefficients that are tried of each form.
+_TRIED: Mapping[Form, Sequence[tuple[float, ...]]] = {
+    **{form: tuple(itertools.product(_CHANGES)) for form in (Form.LINEAR, Form.STEP, Form.DIP)},
+    Form.POWER: tuple(itertools.product(_EXPONENTS)),
+    Form.SATURATING: tuple(itertools.product(_CHANGES, _HALF_AT)),
+    Form.CLIPPED: tuple(itertools.product(_HALF_AT)),
+    Form.QUADRATIC: tuple(itertools.product(_SECOND, _SECOND)),
+    Form.PERIODIC: tuple(itertools.product(_SECOND, _SECOND)),
+    Form.YIELDING: tuple((size * np.cos(angle), size * np.sin(angle)) for size in _AMPLITUDES for angle in _ANGLES),
+}

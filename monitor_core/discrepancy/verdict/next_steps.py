@@ -244,6 +244,9 @@ def _at_other_levels(described: Described, law: Law, layout: Layout) -> Iterator
     def at(*levels: float) -> tuple[tuple[float, float], ...]:
         return tuple((level, _factor(described, law, level)) for level in levels)
 
+    if law.variable is Variable.NOTHING:
+        yield NextStep(StepKind.CHECK_PART, quantity=parameter, place=described.place, expected=at(0.0))
+        return
     if law.variable is Variable.ORDER:
         yield NextStep(StepKind.REPEAT_NOW, quantity=parameter, settings=first_setting, expected=at(1.0))
         return
@@ -258,7 +261,11 @@ def _at_other_levels(described: Described, law: Law, layout: Layout) -> Iterator
         within = at(*(start + share * law.scale for share in (0.25, 0.5, 0.75)))
         yield NextStep(kind, axis, parameter, expected=within)
         return
-    low, high = max(pairwise(levels.tolist()), key=lambda pair: pair[1] - pair[0])
+    pairs = list(pairwise(levels.tolist()))
+    if law.form in (Form.STEP, Form.DIP):  # what is local is there, and nowhere else
+        low, high = min(pairs, key=lambda pair: abs(pair[0] + pair[1] - 2.0 * law.reference))
+    else:
+        low, high = max(pairs, key=lambda pair: pair[1] - pair[0])
     middle = math.sqrt(low * high) if law.variable is Variable.EXCITATION and low > 0.0 else 0.5 * (low + high)
     settings = first_setting if axis is ConditionAxis.LEVEL else ()
     yield NextStep(StepKind.BETWEEN_LEVELS, axis, parameter, settings=settings, expected=at(middle, low, high))

@@ -187,7 +187,7 @@ class ResponsesComparison(GapInSigma):
         """Return the amplitude of every response, measured and modelled."""
         held_out = np.zeros(len(self.titles), dtype=np.bool_)
         for fold in self.layout.held_out if len(self.layout.held_out) == 1 else ():
-            held_out[self.response_of_line[self.line_of_value[fold]]] = True
+            held_out |= np.bincount(self.response_of_value, ~fold, len(self.titles)) == 0
         return amplitude_panels(
             [(title, self.response_of_line == index) for index, title in enumerate(self.titles)],
             "amplitude of the response",

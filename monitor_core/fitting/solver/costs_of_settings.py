@@ -20,16 +20,16 @@ def costs_of_settings(fitted: Fitted[Physics], physics: Physics) -> FloatArray:
 
     Raises OutsideValidityError where the model has no answer.
     """
-    return summed_by_setting(fitted, squares_of_values(fitted, physics))
+    return summed_by_setting(fitted, np.where(fitted.fitted, squares_of_values(fitted, physics), 0.0))
 
 
 def squares_of_values(fitted: Fitted[Physics], physics: Physics) -> FloatArray:
-    """Return what each value adds to that χ², 0 where it was not fitted, shape (n_values,).
+    """Return what each value adds to that χ², or would where it was not fitted, shape (n_values,).
 
     Raises OutsideValidityError where the model has no answer.
     """
     whitened = replace(fitted.around.whitened_by, common=None)(fitted.around.misfit(physics))
-    return np.where(fitted.fitted, whitened**2, 0.0)
+    return np.asarray(whitened**2)
 
 
 def summed_by_setting(fitted: Fitted[Physics], squares: FloatArray) -> FloatArray:

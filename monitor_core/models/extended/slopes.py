@@ -71,7 +71,8 @@ def log_response_slopes(
             continue
         slope = drive.slope(of_cases.at_lines(rate, lines)) * per_displacement
         if np.any(rate[:, _OF_CHANNELS]):
-            ahead, behind = (observed(drive.values, axis, lines) for axis in (move.ahead, move.behind))
+            ends = (of_cases.side_by_side(of_cases.axes(axis)) for axis in (move.ahead, move.behind))
+            ahead, behind = (observed(drive.values, axis, lines) for axis in ends)
             slope += logarithm(ahead / behind) / move.distance
         slopes.append(slope)
     return slopes

@@ -98,6 +98,16 @@ class Hidden:
     #: The force of the nut acts so far beside the screw, which bends between supports that let it turn. [m]
     bend_eccentricity: float = 0.0
     coupling_crack: float = 0.0  # the coupling yields more, by so many times, where a crack opens, once a turn [-]
+    wear: float = 0.0  # share of its preload that the nut lacks about a place of the screw [-]
+    wear_at: float = 0.5  # of the length of the screw [-]
+    wear_width: float = 0.05  # standard deviation of a bell, likewise; infinite: all beyond the place is worn alike [-]
+    torque_limit: float = math.inf  # which the drive gives at the most, whatever is recorded [N·m]
+    pitch_error: float = 0.0  # the travel per angle goes by this share with the position, one wave along it [-]
+    pitch_waves: float = 1.0  # waves along the screw [-]
+    belt_ratio: float = 1.0  # angle of the motor over angle of the screw, by a belt in the place of the coupling [-]
+    belt_stiffness_share: float = 1.0  # of the coupling that is described [-]
+    lost_mass: float = 0.0  # what the table carries less at the end of the test than at its beginning [kg]
+    lost_at: float = math.nan  # share of the test after which it is lost at once; NaN: it goes steadily [-]
     rotor_absorber_inertia: float = 0.0  # what turns on a spring of its own behind the rotor [kg·m²]
     rotor_absorber_frequency: float = 300.0  # [Hz]
     rotor_absorber_damping_ratio: float = 0.02
@@ -142,7 +152,23 @@ class Axis:
         warm = replace(self.parts, **{name: factor * getattr(self.parts, name) for name in _OF_WARMTH})
         turn = 2.0 * math.pi * setting.position / warm.screw_lead - self.hidden.coupling_crack_phase
         opened = 0.5 * self.hidden.coupling_crack * (1.0 + math.cos(turn))
-        return replace(warm, coupling_stiffness=warm.coupling_stiffness / (1.0 + opened))
+        wave = math.sin(2.0 * math.pi * self.hidden.pitch_waves * setting.position / warm.screw_length)
+        coupling = self.hidden.belt_stiffness_share * warm.coupling_stiffness / (1.0 + opened)
+        lead = warm.screw_lead * (1.0 + self.hidden.pitch_error * wave)
+        return replace(warm, coupling_stiffness=coupling, screw_lead=lead)
+
+    def worn(self, setting: Setting) -> float:
+        """Return what is left of the preload where the screw is worn. [-]."""
+        hidden = self.hidden
+        away = setting.position / self.parts.screw_length - hidden.wear_at
+        if math.isinf(hidden.wear_width):
+            return 1.0 - hidden.wear * (away > 0.0)
+        return 1.0 - hidden.wear * math.exp(-0.5 * (away / hidden.wear_width) ** 2)
+
+    def lost(self, setting: Setting) -> float:
+        """Return what the table carries less than at the first setting. [kg]."""
+        share = setting.order if math.isnan(self.hidden.lost_at) else float(setting.order > self.hidden.lost_at)
+        return self.hidden.lost_mass * share
 
     def bending(self, position: float) -> tuple[Bending, ...]:
         r"""Return the modes in which the screw bends under a nut that pulls beside it; none without eccentricity.

@@ -51,6 +51,7 @@ def respond(
     if hidden.constant_loss_factor:
         raise ValueError("no motion in time has a loss factor without stiffening; take the wave lines")
     plants = [plant(axis, setting) for setting in settings]
+    torque = np.clip(torque, -hidden.torque_limit, hidden.torque_limit)
     fed_back = FedBack(
         hidden.guide_friction,
         np.array([nut_stiffness(axis, setting) for setting in settings]),
@@ -97,6 +98,7 @@ def nut_stiffness(axis: Axis, setting: Setting) -> float:
     turn = 2.0 * math.pi * setting.position / parts.screw_lead - hidden.periodic_phase
     preload = setting.preload + hidden.thermal_preload * setting.temperature_deviation
     preload *= (1.0 + hidden.periodic_preload * math.cos(turn)) * (1.0 - hidden.preload_drift * setting.order)
+    preload *= axis.worn(setting)
     exponent = 1.0 / 3.0 + hidden.preload_exponent_change
     return float(0.8 * parts.nut_rigidity * (preload / parts.rated_preload) ** exponent)
 
@@ -156,7 +158,7 @@ def assemble(axis: Axis, setting: Setting, element_length: float | None = None) 
     held = [
         (along(near_end=1.0, **on_base), parts.bearing_stiffness, parts.bearing_damping),
         (along(far_end=1.0, **on_base), far_bearing, parts.far_bearing_damping),
-        (along(rotor=1.0, driven_end=-1.0), parts.coupling_stiffness, parts.coupling_damping),
+        (along(rotor=1.0 / hidden.belt_ratio, driven_end=-1.0), parts.coupling_stiffness, parts.coupling_damping),
     ]
     bracket = 1.0 / (1.0 / parts.bracket_stiffness + hidden.series_compliance)
     carrier = "table"
@@ -212,7 +214,8 @@ def _bodies(axis: Axis, setting: Setting, on_nut: float) -> dict[str, float]:
 
 def _moving_mass(axis: Axis, setting: Setting) -> float:
     wrong = axis.hidden.payload_error if setting.payload else 0.0
-    return axis.parts.table_mass + axis.parts.nut_mass + setting.payload + wrong + axis.hidden.added_mass
+    more = wrong + axis.hidden.added_mass - axis.lost(setting)
+    return axis.parts.table_mass + axis.parts.nut_mass + setting.payload + more
 
 
 def _screw(parts: Parts, hidden: Hidden, nodes: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
