@@ -36,7 +36,7 @@ from service.cli.inputs.model import (
     model_at,
     require_session,
     responses_of_data,
-    tolerance_options,
+    tolerance_option,
     tolerances_of,
 )
 from service.cli.options import json_option
@@ -87,7 +87,7 @@ _USUALLY = "some seconds to two minutes"
     help="Give the best answer so far after this time: partial or unknown, with what was not tried. What the model "
     "leaves as it stands is found in any case. Without it the search takes as long as it takes.",
 )  # fmt: skip
-@tolerance_options
+@tolerance_option
 @accelerometer_option
 @band_option
 @json_option
@@ -101,10 +101,10 @@ def explain(
     healthy_paths: tuple[Path, ...],
     out: Path | None,
     time_limit_s: float | None,
+    tolerances: tuple[tuple[str, float], ...],
     accelerometer: str | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
-    **stated: float | None,
 ) -> None:
     """Find where measurements and a model part, name what is missing, add it, and show the gap shrink.
 
@@ -121,7 +121,7 @@ def explain(
     baseline = read_model_file(model_at(baseline_path))
     effects = () if effects_path is None else read_effect_file(effects_path)
     _require_writable(baseline, effects)
-    tolerances = tolerances_of(data, stated)
+    setting_tolerances = tolerances_of(data, tolerances)
     with _watched(data.name) as progress:
         progress("reading")
         measured, assumptions = _measured(data, band_hz, accelerometer)
@@ -131,7 +131,7 @@ def explain(
             healthy=tuple(_responses(path, band_hz) for path in healthy_files),
             accelerometer=accelerometer,
             assumptions=assumptions,
-            tolerances=tolerances,
+            tolerances=setting_tolerances,
         )
         explanation = explain_axis(
             baseline,

@@ -2,6 +2,7 @@
 
 import gc
 import sys
+from difflib import get_close_matches
 from importlib import import_module
 
 import click
@@ -38,6 +39,38 @@ COMMANDS = {
     "user": "Make and change the people who may log in.",
 }
 
+#: Commands by what a person comes for.
+GROUPS = {
+    "Measure": ("check", "import", "frf", "calibrate", "estimate", "lost-motion"),
+    "Model and explain": ("modes", "simulate", "identify", "explain", "batch"),
+    "Run the service": ("demo", "serve", "replay", "rejudge", "mqtt", "opcua"),
+    "Administer": ("backup", "restore", "retention", "user", "key"),
+}
+#: The help of each command ends with one.
+EXAMPLES = {
+    "backup": "backup /mnt/backup/monday",
+    "batch": "batch hall-3.txt --out answers --workers 2",
+    "calibrate": "calibrate april.session.h5 --band-hz 140 230 --out axis.json",
+    "check": "check day-01.tdms --write-map mill.toml",
+    "demo": "demo --stay",
+    "estimate": "estimate march.session.h5 --calibration axis.json",
+    "explain": "explain april.session.h5 --baseline mill.toml --report why",
+    "frf": "frf march.session.h5 --band-hz 140 230",
+    "identify": "identify april.session.h5 --model mill.toml --out found.toml",
+    "import": "import day-01.tdms day-02.tdms --map mill.toml --out march.session.h5",
+    "key": "key add press-3 --role engineer",
+    "lost-motion": "lost-motion reversals.session.h5",
+    "modes": "modes mill.toml --position-mm 250 500 750",
+    "mqtt": "mqtt --url 127.0.0.1:8710",
+    "opcua": "opcua --url 127.0.0.1:8710",
+    "rejudge": "rejudge --url 127.0.0.1:8710 --axis X --calibration 2 --dry-run",
+    "replay": "replay march.session.h5 --url 127.0.0.1:8710 --axis X",
+    "restore": "restore /mnt/backup/monday --data-dir var",
+    "retention": "retention show --days 365",
+    "serve": "serve --data-dir /var/lib/preload",
+    "simulate": "simulate mill.toml --out trial.session.h5",
+    "user": "user add anna --role operator",
+}
 #: Where a command stands that has no module of its own.
 MODULES = {
     "restore": "backup", "import": "import_raw", "key": "people", "user": "people", "lost-motion": "lost_motion",
@@ -57,6 +90,7 @@ _SLOW_TO_START = ("explain", "identify")
 def command_named(name: str) -> click.Command:
     """Import a command."""
     command: click.Command = getattr(import_module(f"service.cli.{MODULES.get(name, name)}"), FUNCTIONS.get(name, name))
+    command.epilog = f"\b\nExample: preload {EXAMPLES[name]}"
     return command
 
 
@@ -70,16 +104,20 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command, None where there is none of this name."""
-        del ctx
         if cmd_name in _SLOW_TO_START and sys.stderr.isatty():
             click.echo(f"preload {cmd_name}: starting", err=True)
-        return command_named(cmd_name) if cmd_name in COMMANDS else None
+        if cmd_name in COMMANDS:
+            return command_named(cmd_name)
+        if like := get_close_matches(cmd_name, COMMANDS, n=1):
+            ctx.fail(f"No such command '{cmd_name}'. Did you mean '{like[0]}'?")
+        return None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
         del ctx
-        with formatter.section("Commands"):
-            formatter.write_dl(sorted(COMMANDS.items()))
+        for title, names in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, COMMANDS[name]) for name in names])
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})

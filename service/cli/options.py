@@ -18,8 +18,9 @@ def _address(_context: click.Context, _option: click.Parameter, url: str | None)
 
     if url is None:
         return None
+    url = url if "://" in url else f"http://{url}"
     try:
-        is_address = httpx.URL(url).scheme in ("http", "https")
+        is_address = httpx.URL(url).scheme in ("http", "https") and bool(httpx.URL(url).host)
     except httpx.InvalidURL:
         is_address = False
     if not is_address:

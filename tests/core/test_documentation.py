@@ -241,6 +241,8 @@ def test_every_page_is_in_the_navigation_of_the_site():
     navigation = (PROJECT_ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
     listed = re.findall(r"(\S+\.md)$", navigation, flags=re.MULTILINE)
     assert sorted(listed) == sorted(str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md"))
+    how_to = [str(page.relative_to(DOCS)) for page in (DOCS / "how-to").glob("*.md")]
+    assert [page for page in how_to if page not in text_of("index.md")] == []
 
 
 # --- the guided tours ------------------------------------------------------------------------------------------------

@@ -239,7 +239,7 @@ def test_replay_to_a_running_service_twice(preload: Any, session_file: Path, sha
     url = str(shared_api.http.base_url)
     shared_api.register("replayed", windows_per_measurement=10)
     shared_api.calibrate("replayed")
-    words = ("replay", session_file, "--url", url, "--axis", "replayed", "--json")
+    words = ("replay", session_file, "--url", url.removeprefix("http://"), "--axis", "replayed", "--json")
     judged = {"measurements": 3, "measurements_refused": {}}
     assert preload(*words).json() == {
         "windows_posted": 30, "windows_refused": 0, "windows_already_there": 0, **judged

@@ -10,9 +10,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import click
+import pytest
+
 from service.app import create_app
-from service.cli.main import COMMANDS, MODULES, command_named
+from service.cli.main import COMMANDS, EXAMPLES, GROUPS, MODULES, command_named, preload
 from service.settings import Settings
+from tests.conftest import PROJECT_ROOT
 
 CONTRACT = Path(__file__).parent / "contract"
 
@@ -59,10 +63,32 @@ def test_the_list_of_commands_is_complete_and_says_what_each_does() -> None:
     folder = Path(import_module("service.cli").__file__ or "").parent
     modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "main", "options", "output", "targets"}
     assert {MODULES.get(name, name) for name in COMMANDS} == modules
+    readme = (PROJECT_ROOT / "README.md").read_text(encoding="utf-8")
+    assert [name for name in COMMANDS if f"`preload {name}`" not in readme] == []
     for name, sentence in COMMANDS.items():
         command = command_named(name)
         first_word = command.get_short_help_str(200).split()[0]
         assert sentence.split()[0] in {first_word, "Tell"}, name
+
+
+def test_every_command_stands_in_one_group_and_its_help_ends_with_an_example_that_it_takes() -> None:
+    assert sorted(name for names in GROUPS.values() for name in names) == sorted(COMMANDS)
+    for name, example in EXAMPLES.items():
+        command = preload.get_command(click.Context(preload), name)
+        assert command is not None
+        with command.make_context(name, example.split()[1:], resilient_parsing=True) as context:
+            assert command.get_help(context).endswith(f"Example: preload {example}")
+            if isinstance(command, click.Group):  # which leaves the rest to the command below it
+                below, (word, *rest) = command, example.split()[1:]
+                assert isinstance(below, click.Group)
+                inner = below.get_command(context, word)
+                assert inner is not None
+                inner.make_context(word, rest, resilient_parsing=True).close()
+
+
+def test_a_command_that_is_misspelt_is_answered_with_the_one_that_was_meant() -> None:
+    with pytest.raises(click.UsageError, match=r"No such command 'expalin'\. Did you mean 'explain'\?"):
+        preload.main(["expalin"], standalone_mode=False)
 
 
 if __name__ == "__main__":

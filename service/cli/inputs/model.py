@@ -1,9 +1,9 @@
 """Read a drive model, and what the commands share that work with one: their options, responses, tolerances."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from monitor_core.measured_responses import SessionResponses
     from service.cli.inputs.data import Data
 
-_Command = TypeVar("_Command", bound=Callable[..., None])
 
 #: By name in files: of :class:`SettingTolerances` the field, and its unit over that of the file.
 _FIELDS = {
@@ -33,18 +32,17 @@ _FIELDS = {
     "payload_tolerance_kg": ("payload", 1.0),
     "temperature_tolerance_k": ("temperature", 1.0),
 }
-_HELP = {
-    "position_tolerance_mm": "positions are known [mm]; usually 0.3",
-    "preload_tolerance": "preloads are known, of their value; usually 0.03",
-    "gain_tolerance": "the gain of a response is known, of its value; usually 0.005",
-    "payload_tolerance_kg": "payloads are known [kg]; usually exactly",
-    "temperature_tolerance_k": "temperatures are known [K]; usually exactly",
-}
-
 effects_option = click.option(
     "--effects", "effects_path", type=click.Path(path_type=Path), metavar="FILE",
     help="Python file that defines EFFECTS, of your own, which the model may state besides those of the product. It is "
     "run.",
+)  # fmt: skip
+tolerance_option = click.option(
+    "--tolerance", "tolerances", type=(click.Choice(list(_FIELDS)), click.FloatRange(min=0.0, min_open=True)),
+    multiple=True, metavar="NAME X",
+    help="Standard deviation to which settings are known, before what the data state: position_tolerance_mm (usually "
+    "0.3), preload_tolerance (0.03 of its value), gain_tolerance (0.005 of that of a response), payload_tolerance_kg, "
+    "temperature_tolerance_k (usually exactly). May be given several times.",
 )  # fmt: skip
 accelerometer_option = click.option(
     "--accelerometer",
@@ -121,23 +119,11 @@ def responses_of_data(data: "Data", settings: AxisSettings) -> "SessionResponses
         return responses_of_session(session, settings)
 
 
-def tolerance_options(command: _Command) -> _Command:
-    """Add an option for each tolerance; their values come by the names that they have in files."""
-    for name, words in reversed(_HELP.items()):
-        option = click.option(
-            f"--{name.replace('_', '-')}", name, type=click.FloatRange(min=0.0, min_open=True), metavar="X",
-            help=f"Standard deviation to which {words}. Goes before what the data state.",
-        )  # fmt: skip
-        command = option(command)
-    return command
-
-
-def tolerances_of(data: "Data", stated: Mapping[str, float | None]) -> "SettingTolerances":
+def tolerances_of(data: "Data", stated: Iterable[tuple[str, float]]) -> "SettingTolerances":
     """Return how well the settings of measurements are known: as stated here, or in the data, or as usual."""
     from monitor_core.discrepancy import SettingTolerances  # noqa: PLC0415
 
-    given = {name: value for name, value in stated.items() if value is not None}
-    known = {name: value for name, value in {**_of_data(data), **given}.items() if value is not None}
+    known = {name: value for name, value in {**_of_data(data), **dict(stated)}.items() if value is not None}
     return SettingTolerances(**{_FIELDS[name][0]: value * _FIELDS[name][1] for name, value in known.items()})
 
 
