@@ -20,7 +20,7 @@ from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout
 from monitor_core.fitting.conditions.groups import has_lines, levels_of, modes_that_stay
-from monitor_core.fitting.evidence import STRONG, VERY_STRONG, EvidenceScale, covariance, least_difference
+from monitor_core.fitting.evidence import VERY_STRONG, EvidenceScale, covariance, least_difference
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.hypothesis import is_size
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -202,19 +202,17 @@ def classes_with_fit(
 ) -> tuple[tuple[EquivalenceClass[Physics], ...], Fitted[Physics]]:
     """Return the classes of the accepted effects, and the fit with their representatives.
 
-    What has no answer together with the other representatives represents no class.
+    What has no answer together with the other representatives represents no class: the accepted effect does.
     """
     classes: list[EquivalenceClass[Physics]] = []
     final = found.final
     for accepted in found.accepted:
         representing = {other.representative.effect.key for other in classes}
-        barred: set[str] = set()
-        while True:
-            grouped = equivalence_class(found, accepted, candidates, representing=representing, barred=barred)
-            refitted = _with_representative(final, accepted.effect, grouped.representative)
-            if refitted is not None:
-                break
-            barred.add(grouped.representative.effect.key)
+        grouped = equivalence_class(found, accepted, candidates, representing=representing)
+        refitted = _with_representative(final, accepted.effect, grouped.representative)
+        if refitted is None:
+            own_first = sorted(grouped.members, key=lambda member: member.effect.key != accepted.effect.key)
+            grouped, refitted = replace(grouped, members=tuple(own_first)), final
         final = refitted
         classes.append(grouped)
     return tuple(classes), final
@@ -245,26 +243,23 @@ def equivalence_class(
     candidates: Sequence[Effect[Physics]],
     *,
     representing: Collection[str] = (),
-    barred: Collection[str] = (),
 ) -> EquivalenceClass[Physics]:
     """Group an accepted effect with what would do in its place.
 
     Among members that leave the same residuals the effect of the catalogue is the representative, unless its value is
     not plausible: an added mass and a wrong mass are then one finding, not two. Keys in ``representing`` represent
-    other classes and are in none again, since no effect is in a model twice; those that are ``barred`` may not
-    represent this one.
+    other classes and are in none again, since no effect is in a model twice.
     """
-    scale = found.evidence_scale
-    own = _member(accepted.effect, found.final, accepted.delta_bic, scale)
+    own = _member(accepted.effect, found.final, accepted.delta_bic)
     rivals = [
-        _member(rival.effect, rival.fitted, rival.delta_bic, scale)
+        _member(rival.effect, rival.fitted, rival.delta_bic)
         for rival in accepted.rivals
         if rival.effect.key not in representing
     ]
     margin = margin_between(found, accepted.delta_bic)
     best = max([own.delta_bic, *(rival.delta_bic for rival in rivals)])
     inside = [own, *(rival for rival in rivals if rival.delta_bic >= best - margin)]
-    ordered = sorted(inside, key=lambda member: (member.effect.key in barred, *_precedence(member)))
+    ordered = sorted(inside, key=_precedence)
     members: list[Member[Physics]] = []
     for member in ordered:
         alike = next((n for n, other in enumerate(members) if _are_aliases(member, other)), None)
@@ -272,7 +267,7 @@ def equivalence_class(
             members.append(member)
         else:
             members[alike] = replace(members[alike], aliases=(*members[alike].aliases, member.effect.key))
-    members.sort(key=lambda member: (member.effect.key in barred, not member.plausible, -member.delta_bic))
+    members.sort(key=lambda member: (not member.plausible, -member.delta_bic))
     another = indistinguishable_law(members[0].effect, members[0].delta_bic, found.final.comparison.layout)
     untested, laws = foreign_modes(accepted.without, candidates), (another,) if another else ()
     return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, laws)
@@ -307,25 +302,16 @@ def _are_aliases(member: Member[Physics], other: Member[Physics]) -> bool:
     return same and abs(member.fitted.cost - other.fitted.cost) < _SAME_COST
 
 
-def _member(
-    effect: Effect[Physics], fitted: Fitted[Physics], delta_bic: float, scale: EvidenceScale
-) -> Member[Physics]:
+def _member(effect: Effect[Physics], fitted: Fitted[Physics], delta_bic: float) -> Member[Physics]:
     own = [index for index, (other, _) in enumerate(fitted.hypothesis.unknowns) if other.key == effect.key]
-    return Member(effect, fitted, delta_bic, all(_is_plausible(fitted, index, scale) for index in own))
+    return Member(effect, fitted, delta_bic, all(_is_plausible(fitted, index) for index in own))
 
 
-def _is_plausible(fitted: Fitted[Physics], index: int, scale: EvidenceScale) -> bool:
-    """Return whether an unknown lies within its plausible range, and not at an end that the data want it to leave."""
+def _is_plausible(fitted: Fitted[Physics], index: int) -> bool:
+    """Return whether an unknown lies within its plausible range."""
     effect, parameter = fitted.hypothesis.unknowns[index]
     value = fitted.hypothesis.values(fitted.coordinates)[effect.key][parameter.name]
-    if parameter.beyond or not _at_an_end(effect, parameter, value):
-        return parameter.lower <= value <= parameter.upper
-    coordinate = fitted.hypothesis.n_uncertain + index
-    slope = float(fitted.jacobian[fitted.fitted, coordinate] @ fitted.standardised[fitted.fitted])
-    downhill = -slope * parameter.scale  # a scale may be negative: that of what can only become less
-    outward = downhill > 0.0 if parameter.upper - value < value - parameter.lower else downhill < 0.0
-    promised = scale.factor**2 * slope**2 * float(covariance(fitted, scale)[coordinate, coordinate])
-    return not (outward and promised > STRONG)
+    return parameter.lower <= value <= parameter.upper
 
 
 def _at_an_end(effect: Effect[Physics], parameter: EffectParameter, value: float) -> bool:
@@ -368,7 +354,7 @@ def found_parameters(
             max(low, 0.0) if parameter.lower == 0.0 else low,
             min(high, 0.0) if parameter.upper == 0.0 else high,
         )
-        plausible = _is_plausible(stated, index, scale)
+        plausible = _is_plausible(stated, index)
         parameters[parameter.name] = FoundParameter(
             Estimate(value, deviation), parameter.unit, interval, plausible, at_end
         )
