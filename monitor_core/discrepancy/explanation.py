@@ -260,11 +260,8 @@ class StepKind(StrEnum):
     REPEAT_FIRST = "repeat-the-first"
     CHECK_TAG = "check-a-tag"
     READ_TAGS = "read-tags-again"
-    CHECK_GAIN = "check-a-gain"
     SECOND_ACCELEROMETER = "put-a-second-accelerometer"
-    RESPONSES_ABOUT = "measure-responses-about"
     FINER_POSITIONS = "measure-finer-positions"
-    FINER_ABOUT = "measure-finer-about"  # a single position
     MORE_PRELOADS = "measure-more-preloads"
     WEIGH_PAYLOAD = "weigh-the-payload"
     COLD_AGAIN = "measure-warm-and-cold-again"

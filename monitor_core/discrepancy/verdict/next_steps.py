@@ -285,10 +285,6 @@ def _factor(described: Described, law: Law, level: float) -> float:
 _STANDS_OUT = 4.0
 #: Variance of what settings are pulled by, from which on they drift, as in the verdict. [-]
 _DRIFTS = 3.0
-#: Of the misfit of a channel, in squares: more in its mean alone is a constant factor. [-]
-_IN_THE_MEAN = 0.8
-#: A line in a quarter of the half-power width of a peak of 2 % damping. [of its frequency]
-_LINE_SPACING = 0.01
 _BANDS = 24
 
 
@@ -301,12 +297,11 @@ def _to_locate(fitted: Fitted[Physics], sizes: MachineSizes | None) -> Iterator[
     layout = fitted.comparison.layout
     first_setting = (layout.settings[0].name,)
     yield from _record_that_stands_out(fitted)
-    yield from _constant_factor(fitted)
     every = np.ones(layout.n_values, dtype=np.bool_)
     ways = groupings(layout, _BANDS)
     chosen = narrow(ways, fitted.standardised**2, every)
     for index, groups in chosen.items():
-        yield from _closer_look(ways[index].axis, ways[index].extent(groups), layout, sizes)
+        yield from _closer_look(ways[index].axis, ways[index].extent(groups), first_setting)
     if not any(ConditionAxis.POSITION in setting.values for setting in layout.settings):
         yield from _another_motion(sizes)
     elif ConditionAxis.LEVEL not in varied_conditions(layout) and has_lines(layout):
@@ -331,58 +326,25 @@ def _record_that_stands_out(fitted: Fitted[Physics]) -> Iterator[NextStep]:
     yield NextStep(kind, quantity=names[error], settings=(settings[setting].name,), values=values)
 
 
-def _constant_factor(fitted: Fitted[Physics]) -> Iterator[NextStep]:
-    """Yield the channel whose amplitude is off by one factor at all frequencies: a unit, a gain, a wrong side."""
-    layout = fitted.comparison.layout
-    if not has_lines(layout):
-        return
-    for channel, name in enumerate(layout.channels):
-        lines = (layout.channel == channel) & np.isinf(layout.period)  # a phase is known but for whole turns
-        if not np.any(lines):
-            continue
-        weight = layout.standard_deviation[lines] ** -2.0
-        mean = float(np.average(fitted.misfit[lines], weights=weight))
-        if mean**2 * np.sum(weight) > _IN_THE_MEAN * np.sum(weight * fitted.misfit[lines] ** 2) and abs(mean) > 0.0:
-            low, high = float(np.min(layout.frequency[lines])), float(np.max(layout.frequency[lines]))
-            values = {"factor": math.exp(-mean), "lowest_hz": low, "highest_hz": high}
-            yield NextStep(StepKind.CHECK_GAIN, quantity=name, values=values)
+#: What a closer look is, by the condition that the misfit is at, and the unit in the names of its values.
+_CLOSER = {
+    ConditionAxis.FREQUENCY: (StepKind.SECOND_ACCELEROMETER, "hz"),
+    ConditionAxis.POSITION: (StepKind.FINER_POSITIONS, "m"),
+    ConditionAxis.PRELOAD: (StepKind.MORE_PRELOADS, "n"),
+    ConditionAxis.PAYLOAD: (StepKind.WEIGH_PAYLOAD, "kg"),
+    ConditionAxis.TEMPERATURE: (StepKind.COLD_AGAIN, "k"),
+    ConditionAxis.LEVEL: (StepKind.MORE_LEVELS, "level"),
+}
 
 
-def _closer_look(
-    axis: ConditionAxis | None, extent: Extent, layout: Layout, sizes: MachineSizes | None
-) -> Iterator[NextStep]:
-    """Yield what would tell more of a place that holds the misfit."""
-    first_setting = (layout.settings[0].name,)
-    lowest, highest = (extent.numbers[0], extent.numbers[-1]) if extent.numbers else (math.nan, math.nan)
-    match axis:
-        case ConditionAxis.FREQUENCY if has_lines(layout):
-            values = {"lowest_hz": 0.8 * lowest, "highest_hz": 1.2 * highest, "spacing_hz": _LINE_SPACING * lowest}
-            yield NextStep(StepKind.SECOND_ACCELEROMETER, axis, values=values)
-        case ConditionAxis.FREQUENCY:
-            yield NextStep(StepKind.RESPONSES_ABOUT, axis, values={"frequency_hz": lowest})
-        case ConditionAxis.POSITION:
-            kind = StepKind.FINER_POSITIONS if lowest < highest else StepKind.FINER_ABOUT
-            values = {"lowest_m": lowest, "highest_m": highest, "step_m": _finer_step(layout, sizes)}
-            yield NextStep(kind, axis, values=values)
-        case ConditionAxis.PRELOAD:
-            yield NextStep(StepKind.MORE_PRELOADS, axis, values={"lowest_n": lowest, "highest_n": highest})
-        case ConditionAxis.PAYLOAD:
-            yield NextStep(StepKind.WEIGH_PAYLOAD, axis, values={"mass_kg": highest})
-        case ConditionAxis.TEMPERATURE:
-            yield NextStep(StepKind.COLD_AGAIN, axis, values={"warming_k": highest})
-        case ConditionAxis.LEVEL:
-            values = {"lowest": lowest, "highest": highest}
-            yield NextStep(StepKind.MORE_LEVELS, axis, settings=first_setting, values=values)
-        case None:
-            yield NextStep(StepKind.ANOTHER_SENSOR, quantity=extent.names[0], settings=first_setting)
-
-
-def _finer_step(layout: Layout, sizes: MachineSizes | None) -> float:
-    """Return half of the closest spacing of the positions, or of a single one a fortieth of the screw. [m]."""
-    positions = np.unique(levels_of(layout, ConditionAxis.POSITION))
-    spacing = min((after - before for before, after in pairwise(positions[np.isfinite(positions)])), default=0.0)
-    length = _size(sizes, Reference.LENGTH)
-    return 0.5 * float(spacing) or (length / 40.0 if length else 0.010)
+def _closer_look(axis: ConditionAxis | None, extent: Extent, first_setting: tuple[str]) -> Iterator[NextStep]:
+    """Yield a measurement that is finer where the misfit is, or with another sensor for a channel."""
+    if axis is None:
+        yield NextStep(StepKind.ANOTHER_SENSOR, quantity=extent.names[0], settings=first_setting)
+    elif axis in _CLOSER:
+        kind, unit = _CLOSER[axis]
+        ends = {f"lowest_{unit}": extent.numbers[0], f"highest_{unit}": extent.numbers[-1]}
+        yield NextStep(kind, axis, settings=first_setting, values=ends)
 
 
 def _another_motion(sizes: MachineSizes | None) -> Iterator[NextStep]:
