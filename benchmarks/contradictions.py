@@ -6,20 +6,19 @@ Each rule is about what stands in the answer itself; none needs the data.
 from collections.abc import Iterator
 
 from monitor_core.discrepancy.explanation import Explanation, FoundEffect, Outcome
-from monitor_core.discrepancy.verdict.outcome import OutcomeSettings
+from monitor_core.discrepancy.verdict.outcome import PULLS
 from monitor_core.fitting.hold_out import REMAINDER
 
 #: A gap on held-out values that is so many times as large has not fallen.
 _NOT_FALLEN = 1.02
 
 
-def contradictions(answer: Explanation, settings: OutcomeSettings | None = None) -> tuple[str, ...]:
+def contradictions(answer: Explanation) -> tuple[str, ...]:
     """Return what an answer contradicts itself in, in sentences; empty where nothing does."""
-    settings = settings or OutcomeSettings()
-    return (*_of_outcome(answer, settings), *_of_gap(answer), *_of_names(answer))
+    return (*_of_outcome(answer), *_of_gap(answer), *_of_names(answer))
 
 
-def _of_outcome(answer: Explanation, settings: OutcomeSettings) -> Iterator[str]:
+def _of_outcome(answer: Explanation) -> Iterator[str]:
     outcome, effects = answer.outcome, answer.effects
     if outcome is Outcome.NONE and effects:
         yield f"nothing is missing, and {_keys(effects)} is"
@@ -28,17 +27,17 @@ def _of_outcome(answer: Explanation, settings: OutcomeSettings) -> Iterator[str]
     alike = any(effect.equivalent_to for effect in effects)
     if (outcome is Outcome.NAMED and alike) or (outcome is Outcome.EQUIVALENT and not alike):
         yield f"{outcome}, and {'something' if alike else 'nothing'} would do in the place of what was found"
-    if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not _has_reason(answer, settings):
+    if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not _has_reason(answer):
         yield f"{outcome}, and nothing is left under a floor of {answer.gap.noise_floor:g} {answer.gap.unit}"
     if outcome in (Outcome.NONE, Outcome.NAMED, Outcome.EQUIVALENT) and answer.hidden_in_remainder:
         yield f"{outcome}, and {', '.join(answer.hidden_in_remainder)} may be a part of what is left"
 
 
-def _has_reason(answer: Explanation, settings: OutcomeSettings) -> bool:
+def _has_reason(answer: Explanation) -> bool:
     """Return whether anything speaks against the answer that nothing is left."""
     gap = answer.gap.after
     over = max(gap.fit, 0.0 if gap.held_out != gap.held_out else gap.held_out) > answer.gap.noise_floor
-    pulled = any(abs(pull) > settings.pulls**0.5 for pull in answer.pulls.values())
+    pulled = any(abs(pull) > PULLS**0.5 for pull in answer.pulls.values())
     stand_in = any(not effect.plausible for effect in answer.effects)
     return over or pulled or stand_in or bool(answer.unfinished)
 

@@ -12,10 +12,17 @@ from monitor_core.discrepancy.description.otherwise import OF_NUT, Otherwise, go
 from monitor_core.discrepancy.explanation import Explanation, Outcome, Unfinished, WrongRecord
 from monitor_core.discrepancy.records import Records, cleared
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
-from monitor_core.discrepancy.search.workspace import Accepted, Found, StoppableAxis, TimeIsUpError, Workspace
+from monitor_core.discrepancy.search.workspace import (
+    PULLS_OF_TOLERANCES,
+    Accepted,
+    Found,
+    StoppableAxis,
+    TimeIsUpError,
+    Workspace,
+)
 from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, classes_with_fit, margin_between
 from monitor_core.discrepancy.verdict.outcome import (
-    OutcomeSettings,
+    PULLS,
     Remainder,
     explained_share,
     follow_conditions,
@@ -36,9 +43,6 @@ from monitor_core.fitting.solver.posterior_mode import at_mode
 
 _BELIEVED = (Outcome.NAMED, Outcome.EQUIVALENT, Outcome.PARTIAL)
 _UNCERTAIN, _SURE = (Outcome.UNKNOWN, Outcome.PARTIAL), (Outcome.NAMED, Outcome.EQUIVALENT)
-_STATED = OutcomeSettings()
-#: Where nothing describes errors of settings they may scatter more than is stated of them.
-_RELAXED = _STATED.of_tolerances()
 
 
 def explain_comparison(
@@ -137,7 +141,7 @@ class _Asked(Generic[Physics]):
         layout = comparison.layout
         report(f"adjusting the model to {layout.n_values} values at {len(layout.settings)} settings")
         stoppable = StoppableAxis(self.axis, lambda: bool(workspace.so_far) and self.time_is_up())
-        otherwise: Otherwise[Physics] = Otherwise(_STATED, self.sizes, report)
+        otherwise: Otherwise[Physics] = Otherwise(self.sizes, report)
         workspace = Workspace(
             comparison, stoppable, self.candidates, progress=report, is_explained_otherwise=otherwise.explains
         )
@@ -146,7 +150,7 @@ class _Asked(Generic[Physics]):
             with stoppable.stoppable():
                 steps = () if before is None else find_again(workspace, before.found)
                 steps = steps or find_steps(workspace, records.baseline)
-                while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, _STATED)) is not None:
+                while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without)) is not None:
                     hidden.append(least.key)
                     steps = leave_out(workspace, steps, least)
                 report("judging what was found")
@@ -166,15 +170,15 @@ class _Asked(Generic[Physics]):
         found, final, classes = searched.found, searched.final, searched.classes
         remainder = remainder_of(final, counts_strain=True)
         members = ((group.representative.effect, group.representative.delta_bic) for group in classes)
-        wanders = wandering(final, members, remainder, _STATED)
+        wanders = wandering(final, members, remainder)
         with nullcontext() if searched.unfinished else searched.axis.stoppable():
-            outcome, judged_by, description = self._conclude(searched, remainder, wanders=bool(wanders))
+            outcome, allowed, description = self._conclude(searched, remainder, wanders=bool(wanders))
         if description is not None and description.fitted is not None:
             outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
             found, classes = description.put_into(found, classes)
         # an effect that would do in the place of another is reported there
         reported = {key for group in classes for key in group.keys}
-        hidden = (key for key in searched.hidden if key not in reported and remainder.is_left(judged_by))
+        hidden = (key for key in searched.hidden if key not in reported and remainder.is_left(allowed))
         return Judged(
             outcome=outcome,
             found=found,
@@ -190,7 +194,7 @@ class _Asked(Generic[Physics]):
 
     def _conclude(
         self, searched: _Searched[Physics], remainder: Remainder, *, wanders: bool
-    ) -> tuple[Outcome, OutcomeSettings, Description | None]:
+    ) -> tuple[Outcome, float, Description | None]:
         """Return the outcome of effects with names, what it is judged by, and what is described beside or for them.
 
         What ``wanders`` over frequency is no effect of the catalogue, and what was found beside it may be a part of it.
@@ -198,25 +202,27 @@ class _Asked(Generic[Physics]):
         """
         found, classes, workspace = searched.found, searched.classes, searched.workspace
         if searched.follows is not None:
-            return Outcome.DESCRIBED, _STATED, searched.follows
-        outcome = Outcome.UNKNOWN if wanders else _outcome(found.baseline, found.final, classes, remainder, _STATED)
+            return Outcome.DESCRIBED, PULLS, searched.follows
+        outcome = Outcome.UNKNOWN if wanders else _outcome(found.baseline, found.final, classes, remainder, PULLS)
         if searched.unfinished:
-            return Outcome.PARTIAL if classes and outcome is not Outcome.UNKNOWN else Outcome.UNKNOWN, _STATED, None
+            return Outcome.PARTIAL if classes and outcome is not Outcome.UNKNOWN else Outcome.UNKNOWN, PULLS, None
         follow = wanders or follow_conditions(found.final)
-        by_tolerances = outcome if follow else _outcome(found.baseline, found.final, classes, remainder, _RELAXED)
+        by_tolerances = (
+            outcome if follow else _outcome(found.baseline, found.final, classes, remainder, PULLS_OF_TOLERANCES)
+        )
         described = None
         # effects with names that explain what is missing leave nothing to describe but what settings scatter
         if outcome is Outcome.UNKNOWN or (outcome is Outcome.PARTIAL and by_tolerances is Outcome.PARTIAL):
             described = describe(found.baseline, found.final, workspace.candidates, self.sizes, workspace.progress)
             described = described or describe_levels(found.baseline, found.final, workspace.progress)
             if described is not None and described.fitted is not None:
-                return outcome, _STATED, described
-        judged_by = _STATED
+                return outcome, PULLS, described
+        allowed = PULLS
         if outcome in _UNCERTAIN and not follow:
-            outcome, judged_by = by_tolerances, _RELAXED
+            outcome, allowed = by_tolerances, PULLS_OF_TOLERANCES
         if outcome in _SURE:
             described = self._elsewhere(workspace, found.final)
-        return outcome, judged_by, None if outcome is Outcome.NONE else described
+        return outcome, allowed, None if outcome is Outcome.NONE else described
 
     def _elsewhere(self, workspace: Workspace[Physics], final: Fitted[Physics]) -> Description | None:
         """Return what swings in another place than what was named for it, None too where time is up."""
@@ -232,17 +238,17 @@ def _outcome(
     final: Fitted[Physics],
     classes: Sequence[EquivalenceClass[Physics]],
     remainder: Remainder,
-    settings: OutcomeSettings,
+    allowed: float,
 ) -> Outcome:
-    explained = explained_share(baseline, final, remainder.misfit_under(settings))
-    return outcome_of(classes, remainder, explained=explained, settings=settings)
+    explained = explained_share(baseline, final, remainder.misfit_under(allowed))
+    return outcome_of(classes, remainder, explained=explained, allowed=allowed)
 
 
 def _named(
     workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]], *, for_now: bool
 ) -> tuple[Found[Physics], Sequence[EquivalenceClass[Physics]]]:
     """Judge what a search has found; ``for_now`` without what would do in the place of it."""
-    lost = for_now or names_nothing(steps[0], steps[-1], _STATED)
+    lost = for_now or names_nothing(steps[0], steps[-1])
     found = judge_found(workspace, steps, alternatives=not lost)
     classes, final = classes_with_fit(found, workspace.candidates)
     # where something is missing no size is so well known that the mode would matter
@@ -257,7 +263,7 @@ def _named(
 def _has_names(baseline: Fitted[Physics], final: Fitted[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> bool:
     """Return whether a name is believed of what was found, with the tolerances as stated or as they may be."""
     remainder = remainder_of(final, counts_strain=True)
-    tried = (_STATED,) if follow_conditions(final) else (_STATED, _RELAXED)
+    tried = (PULLS,) if follow_conditions(final) else (PULLS, PULLS_OF_TOLERANCES)
     return any(_outcome(baseline, final, classes, remainder, each) in _BELIEVED for each in tried)
 
 

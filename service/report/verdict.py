@@ -33,7 +33,7 @@ _WHEN_HELD_OUT = "None could be held out; of five positions or more, two would b
 _HARDLY_LESS = 0.95  # of a gap
 #: Standard deviations: any of a dozen right parameters is moved farther than the first in one report of seven.
 _MOVED, _STRAINED, _FAR = 2.5, 3.0, 5.0
-#: Tolerances: the square root of the variance of pulls that is no chance (OutcomeSettings.pulls).
+#: Tolerances: the square root of the variance of pulls that is no chance (PULLS of the verdict).
 _SCATTERED = 1.73
 
 

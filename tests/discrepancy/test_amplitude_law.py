@@ -15,7 +15,7 @@ from monitor_core.discrepancy.verdict.classes import (
     n_levels,
 )
 from monitor_core.discrepancy.verdict.next_steps import next_steps
-from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, outcome_of, remainder_of
+from monitor_core.discrepancy.verdict.outcome import outcome_of, remainder_of
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX, Variable
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.comparison import Setting
@@ -104,9 +104,7 @@ def test_what_is_left_open_is_equivalent_and_says_what_to_measure() -> None:
     fitted = fit(comparison, hypothesis, hypothesis.null)
     named = EquivalenceClass((Member(SOFTER_NUT, fitted, 60.0, plausible=True),), (), 9.0)
     opened = replace(named, other_laws=(AMPLITUDE_LAW,))
-    outcomes = [
-        outcome_of([each], remainder_of(fitted), explained=1.0, settings=OutcomeSettings()) for each in (named, opened)
-    ]
+    outcomes = [outcome_of([each], remainder_of(fitted), explained=1.0) for each in (named, opened)]
     assert outcomes == [Outcome.NAMED, Outcome.EQUIVALENT]
     assert (named.others, opened.others, opened.look_alikes) == ((), (AMPLITUDE_LAW,), ())
     found = SimpleNamespace(final=fitted)

@@ -8,7 +8,6 @@ import pytest
 from monitor_core.discrepancy.description import otherwise
 from monitor_core.discrepancy.description.describe import Description
 from monitor_core.discrepancy.description.otherwise import Otherwise
-from monitor_core.discrepancy.verdict.outcome import OutcomeSettings
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
@@ -53,8 +52,8 @@ def asked(monkeypatch):
 
         monkeypatch.setattr(otherwise, "following_excitation", answers("law", law))
         monkeypatch.setattr(otherwise, "swinging_at_port", answers("port", port))
-        monkeypatch.setattr(otherwise, "leaves_only_wandering", lambda _fitted, _settings: False)
-        return Otherwise(OutcomeSettings(), None, quiet), calls
+        monkeypatch.setattr(otherwise, "leaves_only_wandering", lambda _fitted: False)
+        return Otherwise(None, quiet), calls
 
     return _asked
 

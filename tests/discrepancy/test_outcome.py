@@ -9,10 +9,11 @@ from scipy import stats
 
 from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.search.workspace import variances_of_pulls
+from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.outcome import (
-    OutcomeSettings,
+    LEAST_SHARE,
+    PULLS,
     Remainder,
     explained_share,
     follow_conditions,
@@ -27,13 +28,12 @@ from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 from tests.hidden_effects.answered import answered
 
-SETTINGS = OutcomeSettings()
 MOST = 1.2  # what a healthy axis may leave, in noise floors
 #: Just within and just beyond what counts as nothing left, in noise floors.
 AT_FLOOR, LEFT = 0.999 * MOST, 1.001 * MOST
-QUIET = {"position": 0.5 * SETTINGS.pulls, "gain 1": 0.5 * SETTINGS.pulls}
-PULLED = {"position": 1.1 * SETTINGS.pulls}
-GAINS = {"position": 0.1, "gain 1": 20.0 * SETTINGS.pulls}
+QUIET = {"position": 0.5 * PULLS, "gain 1": 0.5 * PULLS}
+PULLED = {"position": 1.1 * PULLS}
+GAINS = {"position": 0.1, "gain 1": 20.0 * PULLS}
 
 
 def found(*plausible, delta_bic=100.0):
@@ -67,7 +67,7 @@ TABLE = {
 
 
 def judged(classes, in_floors, pulls, explained=1.0):
-    return outcome_of(classes, remainder(in_floors, pulls), explained=explained, settings=SETTINGS)
+    return outcome_of(classes, remainder(in_floors, pulls), explained=explained)
 
 
 def test_outcome(subtests: pytest.Subtests) -> None:
@@ -78,7 +78,7 @@ def test_outcome(subtests: pytest.Subtests) -> None:
 
 @pytest.mark.parametrize("left", [(LEFT, QUIET), (AT_FLOOR, PULLED)])
 def test_what_explains_too_little_may_stand_for_something_else(left) -> None:
-    least = SETTINGS.least_share
+    least = LEAST_SHARE
     assert judged((GOOD,), *left, explained=least) is Outcome.PARTIAL
     assert judged((GOOD,), *left, explained=0.999 * least) is Outcome.UNKNOWN
     assert judged((GOOD,), AT_FLOOR, QUIET, explained=0.999 * least) is Outcome.NAMED  # nothing is left
@@ -112,11 +112,11 @@ def test_remainder_counts_what_settings_are_pulled_by() -> None:
     data = 10.0 * np.repeat(2.0 * (-1.0) ** np.arange(10), 4)
     left = remainder_of(linear(data, directions=directions))
     assert not left.gap.exceeds_healthy
-    assert left.is_pulled(SETTINGS)
+    assert left.is_pulled()
     assert left.misfit == pytest.approx(10 * (4.0 - 1.0), rel=0.01)
-    assert left.misfit_under(SETTINGS) == left.misfit
+    assert left.misfit_under(PULLS) == left.misfit
     # or the tolerances are too small
-    assert left.misfit_under(SETTINGS.of_tolerances()) == pytest.approx(0.0, abs=1e-9)
+    assert left.misfit_under(PULLS_OF_TOLERANCES) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("share", "outcome"), [(0.9, Outcome.UNKNOWN), (0.99, Outcome.PARTIAL)])
@@ -137,10 +137,10 @@ def test_a_declared_parameter_that_is_pulled_beside_what_was_found_is_left(share
     assert left.misfit == pytest.approx(25.0, rel=2e-2)
     explained = explained_share(baseline, final, left.misfit)
     assert explained == pytest.approx(share, abs=5e-3)
-    assert outcome_of((GOOD,), left, explained=explained, settings=SETTINGS) is outcome
+    assert outcome_of((GOOD,), left, explained=explained) is outcome
     nothing_found = remainder_of(baseline, counts_strain=True)
     assert nothing_found.strain == pytest.approx(5.0, rel=0.1)
-    assert outcome_of((), nothing_found, explained=0.0, settings=SETTINGS) is Outcome.UNKNOWN  # and never *none*
+    assert outcome_of((), nothing_found, explained=0.0) is Outcome.UNKNOWN  # and never *none*
 
 
 def errors_of_settings(errors):
@@ -226,10 +226,10 @@ def test_an_effect_that_is_small_beside_what_is_left_is_not_named(small, hidden)
     data = DESIGN @ [49.0, small, 0.0] + 10.0 * noise / np.linalg.norm(noise)
     final = linear(data, effects=(0, 1))
     assert remainder_of(final).misfit == pytest.approx(36.0, abs=1.0)
-    least = hidden_in_remainder(linear(data), final, lambda _, effect: without(data, effect), SETTINGS)
+    least = hidden_in_remainder(linear(data), final, lambda _, effect: without(data, effect))
     assert (least and least.key) == (quantity(1).key if hidden else None)
     alone = linear(data, effects=(0,))
-    assert hidden_in_remainder(linear(data), alone, lambda _, effect: linear(data), SETTINGS) is None
+    assert hidden_in_remainder(linear(data), alone, lambda _, effect: linear(data)) is None
 
 
 def without(data, effect):
@@ -245,14 +245,14 @@ def test_an_effect_with_textbook_values_is_weighed_like_any_other() -> None:
     final = linear(data, effects=(0, 1))
     known = tuple(replace(effect, textbook={"size": 1.0}) for effect in final.hypothesis.effects)
     textbook = replace(final, hypothesis=replace(final.hypothesis, effects=known))
-    least = hidden_in_remainder(linear(data), textbook, lambda _, effect: without(data, effect), SETTINGS)
+    least = hidden_in_remainder(linear(data), textbook, lambda _, effect: without(data, effect))
     assert least is known[1]
 
 
 def test_nothing_is_small_beside_the_noise() -> None:
     data = DESIGN @ [49.0, 2.0, 0.0]
     final = linear(data, effects=(0, 1))
-    assert hidden_in_remainder(linear(data), final, lambda _, effect: without(data, effect), SETTINGS) is None
+    assert hidden_in_remainder(linear(data), final, lambda _, effect: without(data, effect)) is None
 
 
 def test_variances_of_pulls_are_one_where_all_is_right() -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.blind_cases import Job, drawn
-from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, remainder_of
+from monitor_core.discrepancy.verdict.outcome import remainder_of
 from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering, wandering, wandering_of
 from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
@@ -42,17 +42,17 @@ def wanders():
 def test_a_resonance_that_wanders_is_found_at_other_frequencies_elsewhere(wanders):
     """0.3 per metre of a screw of 0.97 m, as much over the screw of the gantry: ± 12 % at its ends."""
     fitted, absorber, truth = wanders
-    found = wandering(fitted, [(absorber, 50.0)], remainder_of(fitted), OutcomeSettings())[absorber.key]
+    found = wandering(fitted, [(absorber, 50.0)], remainder_of(fitted))[absorber.key]
     assert found.delta_bic > fitted.comparison.least_delta_bic
     assert found.lowest < 0.95 * truth["frequency_hz"]
     assert found.highest > 1.05 * truth["frequency_hz"]
-    assert leaves_only_wandering(fitted, OutcomeSettings())
+    assert leaves_only_wandering(fitted)
 
 
 def test_one_that_stays_does_not_wander():
     fitted, absorber, truth = with_absorber("table-absorber")
-    assert wandering(fitted, [(absorber, 50.0)], remainder_of(fitted), OutcomeSettings()) == {}
-    assert not leaves_only_wandering(fitted, OutcomeSettings())
+    assert wandering(fitted, [(absorber, 50.0)], remainder_of(fitted)) == {}
+    assert not leaves_only_wandering(fitted)
     found = wandering_of(fitted, absorber)
     assert found.delta_bic < 0.0
     assert found.lowest == found.highest == pytest.approx(truth["frequency_hz"], rel=0.01)

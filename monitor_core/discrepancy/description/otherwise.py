@@ -22,7 +22,6 @@ from monitor_core.discrepancy.description.variation import QUANTITIES, tried_law
 from monitor_core.discrepancy.search.search import findings
 from monitor_core.discrepancy.search.workspace import may_lack_more
 from monitor_core.discrepancy.verdict.classes import PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS, goes_with_amplitude
-from monitor_core.discrepancy.verdict.outcome import OutcomeSettings
 from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering
 from monitor_core.effects import Variable
 from monitor_core.effects.effect import Physics
@@ -37,7 +36,6 @@ from monitor_core.models.extended import AxisPhysics
 class Otherwise(Generic[Physics]):
     """What one search may be left for; each question is answered once of a fit."""
 
-    settings: OutcomeSettings
     sizes: MachineSizes | None
     progress: Callable[[str], None]
     _wandering: dict[Fitted[Physics], bool] = field(default_factory=dict, init=False)
@@ -75,7 +73,7 @@ class Otherwise(Generic[Physics]):
 
     def _wanders(self, fitted: Fitted[Physics]) -> bool:
         if fitted not in self._wandering:
-            self._wandering[fitted] = leaves_only_wandering(fitted, self.settings)
+            self._wandering[fitted] = leaves_only_wandering(fitted)
         return self._wandering[fitted]
 
 

@@ -1,7 +1,7 @@
 """Decide the outcome of a search: named, equivalent, partial, none or unknown."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -20,25 +20,11 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted
 _BY_CHANCE, _FEWEST = 1e-3, 6
 
 
-@dataclass(frozen=True, slots=True)
-class OutcomeSettings:
-    """When something is left. The figures are set on simulated machines, see benchmarks/hidden_effects."""
-
-    #: Where something is left, what was found must explain this share of the misfit; otherwise it may only stand in for
-    #: the true effect.
-    least_share: float = 0.95
-    #: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
-    pulls: float = 3.0
-    #: The same where nothing else is left and nothing describes it: up to thrice a tolerance, it is the tolerance.
-    pulls_of_tolerances: float = PULLS_OF_TOLERANCES
-    #: Of what is left: an effect that explains less, besides others, may be a part of it in disguise.
-    least_of_remainder: float = 0.25
-    #: Standard deviations: a declared parameter that is pulled so far beside what was found makes no clean name of it.
-    strained: float = STRAINED
-
-    def of_tolerances(self) -> "OutcomeSettings":
-        """Return the settings for errors of conditions that nothing explains: their tolerances are too small."""
-        return replace(self, pulls=self.pulls_of_tolerances)
+#: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
+PULLS = 3.0
+#: Where something is left, what was found must explain this share of the misfit; otherwise it may only stand in for the
+#: true effect. And an effect that explains less of what is left, besides others, may be a part of it in disguise.
+LEAST_SHARE, _LEAST_OF_REMAINDER = 0.95, 0.25
 
 
 def follow_conditions(fitted: Fitted[Physics]) -> bool:
@@ -80,22 +66,18 @@ class Remainder:
     strain: float = 0.0  # the largest pull of a declared parameter, in σ
     of_settings: float = 0.0  # of this misfit, by the pulls of settings
 
-    def is_pulled(self, settings: OutcomeSettings) -> bool:
-        """Return whether condition errors scatter more than their tolerances allow."""
-        return are_pulled(self.pulls, settings.pulls)
+    def is_pulled(self, allowed: float = PULLS) -> bool:
+        """Return whether condition errors scatter more than is allowed."""
+        return are_pulled(self.pulls, allowed)
 
-    def misfit_under(self, settings: OutcomeSettings) -> float:
+    def misfit_under(self, allowed: float) -> float:
         """Return the misfit that is left: not that of settings whose tolerances are taken to be too small."""
-        forgiven = settings.pulls >= settings.pulls_of_tolerances and not self.is_pulled(settings)
+        forgiven = allowed >= PULLS_OF_TOLERANCES and not self.is_pulled(allowed)
         return self.misfit - self.of_settings if forgiven else self.misfit
 
-    def is_strained(self, settings: OutcomeSettings) -> bool:
-        """Return whether a declared parameter is pulled beyond belief: what was found is not all that is missing."""
-        return self.strain > settings.strained
-
-    def is_left(self, settings: OutcomeSettings) -> bool:
+    def is_left(self, allowed: float = PULLS) -> bool:
         """Return whether anything is left that a healthy axis would not leave."""
-        return self.gap.exceeds_healthy or self.is_pulled(settings) or self.is_strained(settings)
+        return self.gap.exceeds_healthy or self.is_pulled(allowed) or self.strain > STRAINED
 
 
 def remainder_of(fitted: Fitted[Physics], *, counts_strain: bool = False) -> Remainder:
@@ -128,14 +110,17 @@ def outcome_of(
     remainder: Remainder,
     *,
     explained: float,
-    settings: OutcomeSettings,
+    allowed: float = PULLS,
 ) -> Outcome:
-    """Return the outcome, by what all accepted effects leave and by the share of :func:`explained_share`."""
-    left = remainder.is_left(settings)
+    """Return the outcome, by what all accepted effects leave and by the share of :func:`explained_share`.
+
+    ``allowed`` is the variance of the pulls of settings that counts as their scatter.
+    """
+    left = remainder.is_left(allowed)
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [group for group in classes if group.is_plausible]
-    if not plausible or (left and explained < settings.least_share):
+    if not plausible or (left and explained < LEAST_SHARE):
         return Outcome.UNKNOWN
     stand_ins = [group.representative.delta_bic for group in classes if not group.is_plausible]
     if sum(stand_ins) > sum(group.representative.delta_bic for group in plausible):
@@ -147,12 +132,12 @@ def outcome_of(
     return Outcome.EQUIVALENT if any(group.others for group in classes) else Outcome.NAMED
 
 
-def names_nothing(baseline: Fitted[Physics], final: Fitted[Physics], settings: OutcomeSettings) -> bool:
+def names_nothing(baseline: Fitted[Physics], final: Fitted[Physics]) -> bool:
     """Return whether a fit leaves so much that none of its effects gets its name, whatever else would do."""
     remainder = remainder_of(final)
     explained = explained_share(baseline, final, remainder.misfit)
-    left = remainder.gap.exceeds_healthy or (remainder.is_pulled(settings) and follow_conditions(final))
-    return left and explained < settings.least_share
+    left = remainder.gap.exceeds_healthy or (remainder.is_pulled() and follow_conditions(final))
+    return left and explained < LEAST_SHARE
 
 
 def explained_share(baseline: Fitted[Physics], final: Fitted[Physics], left: float) -> float:
@@ -168,7 +153,6 @@ def hidden_in_remainder(
     baseline: Fitted[Physics],
     final: Fitted[Physics],
     without: Callable[[Fitted[Physics], Effect[Physics]], Fitted[Physics]],
-    settings: OutcomeSettings,
 ) -> Effect[Physics] | None:
     """Return the effect that explains least, if what is found leaves so much that it may be a part of that.
 
@@ -176,16 +160,16 @@ def hidden_in_remainder(
     enough to be believed: then nothing is named in any case.
     """
     effects, remainder = findings(final), remainder_of(final)
-    if len(effects) < 2 or not remainder.is_left(settings):
+    if len(effects) < 2 or not remainder.is_left():
         return None
-    if explained_share(baseline, final, remainder.misfit) < settings.least_share:
+    if explained_share(baseline, final, remainder.misfit) < LEAST_SHARE:
         return None
     fits = [(without(final, effect), effect) for effect in effects]
     # what relieves a declared parameter of a strain is needed, however small beside what is left
-    dispensable = [(lesser, effect) for lesser, effect in fits if strain(final, lesser) <= settings.strained]
+    dispensable = [(lesser, effect) for lesser, effect in fits if strain(final, lesser) <= STRAINED]
     if not dispensable:
         return None
     least, effect = min(
         ((lesser.cost - final.cost, effect) for lesser, effect in dispensable), key=lambda pair: pair[0]
     )
-    return effect if least < settings.least_of_remainder * remainder.misfit else None
+    return effect if least < _LEAST_OF_REMAINDER * remainder.misfit else None

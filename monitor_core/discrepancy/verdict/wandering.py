@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, Remainder, remainder_of
+from monitor_core.discrepancy.verdict.outcome import Remainder, remainder_of
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
@@ -48,7 +48,6 @@ def wandering(
     final: Fitted[Physics],
     effects: Iterable[tuple[Effect[Physics], float]],
     remainder: Remainder,
-    settings: OutcomeSettings,
 ) -> dict[str, Wandering]:
     """Return by its key each effect whose own frequency wanders; with an effect comes the evidence for it, a ΔBIC.
 
@@ -57,7 +56,7 @@ def wandering(
     """
     if not has_lines(final.comparison.layout):
         return {}
-    left, wanders = remainder.is_left(settings), dict[str, Wandering]()
+    left, wanders = remainder.is_left(), dict[str, Wandering]()
     most = evidence_scale(final).factor * final.cost  # all that a fit leaves
     for effect, evidence in effects:
         least = final.comparison.least_delta_bic if left else max(evidence, final.comparison.least_delta_bic)
@@ -69,12 +68,12 @@ def wandering(
     return wanders
 
 
-def leaves_only_wandering(fitted: Fitted[Physics], settings: OutcomeSettings) -> bool:
+def leaves_only_wandering(fitted: Fitted[Physics]) -> bool:
     """Return whether almost all that a fit leaves goes with a frequency of its own that wanders."""
     remainder = remainder_of(fitted)
-    if not remainder.is_left(settings):
+    if not remainder.is_left():
         return False
-    wanders = wandering(fitted, ((effect, math.inf) for effect in fitted.hypothesis.effects), remainder, settings)
+    wanders = wandering(fitted, ((effect, math.inf) for effect in fitted.hypothesis.effects), remainder)
     return any(each.taken > _ALMOST_ALL * remainder.misfit for each in wanders.values())
 
 
