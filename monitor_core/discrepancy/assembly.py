@@ -23,19 +23,18 @@ from monitor_core.discrepancy.explanation import (
     Untested,
     UntestedReason,
 )
-from monitor_core.discrepancy.localisation.localise import (
+from monitor_core.discrepancy.localisation import (
     HealthyScatter,
     localise,
     misfit_map,
+    signatures,
     varied_conditions_of_maps,
 )
-from monitor_core.discrepancy.localisation.misfit_kind import signatures
 from monitor_core.discrepancy.screening import Screened
 from monitor_core.discrepancy.search.workspace import Found, StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
 from monitor_core.discrepancy.verdict.next_steps import next_steps
-from monitor_core.discrepancy.verdict.outcome import Remainder
-from monitor_core.discrepancy.verdict.wandering import Wandering
+from monitor_core.discrepancy.verdict.outcome import Remainder, Wandering
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes

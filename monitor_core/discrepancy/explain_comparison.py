@@ -30,8 +30,8 @@ from monitor_core.discrepancy.verdict.outcome import (
     names_nothing,
     outcome_of,
     remainder_of,
+    wandering,
 )
-from monitor_core.discrepancy.verdict.wandering import wandering
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
 from monitor_core.fitting.axis import DescribedAxis

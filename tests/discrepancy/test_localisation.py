@@ -14,15 +14,16 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from monitor_core.discrepancy.explanation import MisfitKind
-from monitor_core.discrepancy.localisation.localise import (
+from monitor_core.discrepancy.localisation import (
     LEVEL,
     HealthyScatter,
+    KindFound,
     amount_trend_p_value,
     holm,
     localise,
     misfit_map,
+    take_out,
 )
-from monitor_core.discrepancy.localisation.misfit_kind import KindFound, take_out
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout, Setting

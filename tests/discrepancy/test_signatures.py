@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy.explanation import MisfitKind
-from monitor_core.discrepancy.localisation.misfit_kind import kind_of_effect, signatures
+from monitor_core.discrepancy.localisation import kind_of_effect, signatures
 from monitor_core.effects import DRIVE_EFFECTS, wrong_parameter
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit

@@ -3,8 +3,7 @@
 import pytest
 
 from benchmarks.blind_cases import Job, drawn
-from monitor_core.discrepancy.verdict.outcome import remainder_of
-from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering, wandering, wandering_of
+from monitor_core.discrepancy.verdict.outcome import leaves_only_wandering, remainder_of, wandering, wandering_of
 from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive

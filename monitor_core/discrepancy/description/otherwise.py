@@ -22,7 +22,7 @@ from monitor_core.discrepancy.description.variation import QUANTITIES, tried_law
 from monitor_core.discrepancy.search.search import findings
 from monitor_core.discrepancy.search.workspace import may_lack_more
 from monitor_core.discrepancy.verdict.classes import PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS, goes_with_amplitude
-from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering
+from monitor_core.discrepancy.verdict.outcome import leaves_only_wandering
 from monitor_core.effects import Variable
 from monitor_core.effects.effect import Physics
 from monitor_core.effects.sizes import MachineSizes

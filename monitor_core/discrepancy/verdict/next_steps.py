@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from monitor_core.discrepancy.explanation import Described, NextStep, Outcome, StepEffect, StepKind
-from monitor_core.discrepancy.localisation.localise import narrow
+from monitor_core.discrepancy.localisation import narrow
 from monitor_core.discrepancy.search.workspace import Found
 from monitor_core.discrepancy.verdict.classes import AMPLITUDE_LAW, TIME_LAW, EquivalenceClass, Member
 from monitor_core.effects import Form, Law, Variable

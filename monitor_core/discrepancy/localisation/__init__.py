@@ -1,1 +1,0 @@
-"""Locate a misfit and say what kind it is."""
