@@ -202,17 +202,19 @@ def classes_with_fit(
 ) -> tuple[tuple[EquivalenceClass[Physics], ...], Fitted[Physics]]:
     """Return the classes of the accepted effects, and the fit with their representatives.
 
-    What has no answer together with the other representatives represents no class: the accepted effect does.
+    What has no answer together with the other representatives represents no class.
     """
     classes: list[EquivalenceClass[Physics]] = []
     final = found.final
     for accepted in found.accepted:
         representing = {other.representative.effect.key for other in classes}
-        grouped = equivalence_class(found, accepted, candidates, representing=representing)
-        refitted = _with_representative(final, accepted.effect, grouped.representative)
-        if refitted is None:
-            own_first = sorted(grouped.members, key=lambda member: member.effect.key != accepted.effect.key)
-            grouped, refitted = replace(grouped, members=tuple(own_first)), final
+        barred: set[str] = set()
+        while True:
+            grouped = equivalence_class(found, accepted, candidates, representing=representing, barred=barred)
+            refitted = _with_representative(final, accepted.effect, grouped.representative)
+            if refitted is not None:
+                break
+            barred.add(grouped.representative.effect.key)
         final = refitted
         classes.append(grouped)
     return tuple(classes), final
@@ -243,12 +245,14 @@ def equivalence_class(
     candidates: Sequence[Effect[Physics]],
     *,
     representing: Collection[str] = (),
+    barred: Collection[str] = (),
 ) -> EquivalenceClass[Physics]:
     """Group an accepted effect with what would do in its place.
 
     Among members that leave the same residuals the effect of the catalogue is the representative, unless its value is
     not plausible: an added mass and a wrong mass are then one finding, not two. Keys in ``representing`` represent
-    other classes and are in none again, since no effect is in a model twice.
+    other classes and are in none again, since no effect is in a model twice; those that are ``barred`` may not
+    represent this one.
     """
     own = _member(accepted.effect, found.final, accepted.delta_bic)
     rivals = [
@@ -259,7 +263,7 @@ def equivalence_class(
     margin = margin_between(found, accepted.delta_bic)
     best = max([own.delta_bic, *(rival.delta_bic for rival in rivals)])
     inside = [own, *(rival for rival in rivals if rival.delta_bic >= best - margin)]
-    ordered = sorted(inside, key=_precedence)
+    ordered = sorted(inside, key=lambda member: (member.effect.key in barred, *_precedence(member)))
     members: list[Member[Physics]] = []
     for member in ordered:
         alike = next((n for n, other in enumerate(members) if _are_aliases(member, other)), None)
@@ -267,7 +271,7 @@ def equivalence_class(
             members.append(member)
         else:
             members[alike] = replace(members[alike], aliases=(*members[alike].aliases, member.effect.key))
-    members.sort(key=lambda member: (not member.plausible, -member.delta_bic))
+    members.sort(key=lambda member: (member.effect.key in barred, not member.plausible, -member.delta_bic))
     another = indistinguishable_law(members[0].effect, members[0].delta_bic, found.final.comparison.layout)
     untested, laws = foreign_modes(accepted.without, candidates), (another,) if another else ()
     return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, laws)

@@ -194,7 +194,7 @@ def hidden_in_remainder(
 _STEPS = np.concatenate([np.arange(0.01, 0.1, 0.01), np.arange(0.1, 0.3, 0.02), np.arange(0.3, 0.75, 0.05)])
 _LN_FACTORS = np.concatenate([-_STEPS[::-1], _STEPS])
 #: Of the misfit that is left, what a resonance that wanders takes up by its frequency alone.
-_LEAST_OF_REMAINDER = 0.5
+_MOST_OF_REMAINDER = 0.5
 #: The same where no other effect need be sought beside it.
 _ALMOST_ALL = 0.8
 
@@ -228,7 +228,7 @@ def wandering(
         if effect.frequency is None or least > most:
             continue
         of_effect = wandering_of(final, effect)
-        if of_effect.delta_bic > least and of_effect.taken > _LEAST_OF_REMAINDER * remainder.misfit:
+        if of_effect.delta_bic > least and of_effect.taken > _MOST_OF_REMAINDER * remainder.misfit:
             wanders[effect.key] = of_effect
     return wanders
 
