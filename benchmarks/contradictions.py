@@ -29,8 +29,6 @@ def _of_outcome(answer: Explanation) -> Iterator[str]:
         yield f"{outcome}, and {'something' if alike else 'nothing'} would do in the place of what was found"
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not _has_reason(answer):
         yield f"{outcome}, and nothing is left under a floor of {answer.gap.noise_floor:g} {answer.gap.unit}"
-    if outcome in (Outcome.NONE, Outcome.NAMED, Outcome.EQUIVALENT) and answer.hidden_in_remainder:
-        yield f"{outcome}, and {', '.join(answer.hidden_in_remainder)} may be a part of what is left"
 
 
 def _has_reason(answer: Explanation) -> bool:
@@ -55,7 +53,7 @@ def _of_gap(answer: Explanation) -> Iterator[str]:
 def _of_names(answer: Explanation) -> Iterator[str]:
     keys = [effect.key for effect in answer.effects]
     for key in dict.fromkeys(keys):
-        if keys.count(key) > 1 or key in answer.hidden_in_remainder:
+        if keys.count(key) > 1:
             yield f"{key} is found, and found again"
         if any(candidate.key == key for candidate in answer.candidates):
             yield f"{key} is found, and is among what was not"

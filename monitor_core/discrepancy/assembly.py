@@ -57,7 +57,6 @@ class Judged(Generic[Physics]):
     classes: tuple[EquivalenceClass[Physics], ...]
     remainder: Remainder
     wanders: Mapping[str, Wandering]  # by the key of the effect
-    hidden: tuple[str, ...]  # keys of effects that hide in the remainder
     described: tuple[Described, ...]
     unfinished: Unfinished | None
     axis: StoppableAxis[Physics]
@@ -89,7 +88,6 @@ def explanation_of(
         maps=_maps(found),
         gap_by_channel=_gap_by_channel(found),
         pulls_before=_parameter_pulls(found.baseline),
-        hidden_in_remainder=judged.hidden,
         unfinished=judged.unfinished,
         described=judged.described,
     )

@@ -11,7 +11,7 @@ from monitor_core.discrepancy.description.levels import describe_levels
 from monitor_core.discrepancy.description.otherwise import OF_NUT, Otherwise, goes_with_time
 from monitor_core.discrepancy.explanation import Explanation, Outcome, Unfinished, WrongRecord
 from monitor_core.discrepancy.records import Records, cleared
-from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
+from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far
 from monitor_core.discrepancy.search.workspace import (
     PULLS_OF_TOLERANCES,
     Accepted,
@@ -26,7 +26,6 @@ from monitor_core.discrepancy.verdict.outcome import (
     Remainder,
     explained_share,
     follow_conditions,
-    hidden_in_remainder,
     names_nothing,
     outcome_of,
     remainder_of,
@@ -93,7 +92,6 @@ class _Searched(Generic[Physics]):
 
     found: Found[Physics]
     classes: tuple[EquivalenceClass[Physics], ...]
-    hidden: tuple[str, ...]
     worst: WrongRecord | None  # of the records, where no more is left than a healthy axis leaves
     follows: Description | None  # what follows the excitation by a law of its own, in the place of the one name
     unfinished: Unfinished | None
@@ -145,25 +143,22 @@ class _Asked(Generic[Physics]):
         workspace = Workspace(
             comparison, stoppable, self.candidates, progress=report, is_explained_otherwise=otherwise.explains
         )
-        hidden, worst, follows, unfinished = list[str](), None, None, None
+        worst, follows, unfinished = None, None, None
         try:
             with stoppable.stoppable():
                 steps = () if before is None else find_again(workspace, before.found)
                 steps = steps or find_steps(workspace, records.baseline)
-                while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without)) is not None:
-                    hidden.append(least.key)
-                    steps = leave_out(workspace, steps, least)
                 report("judging what was found")
                 follows = otherwise.follows(workspace.baseline, steps[-1])
                 if may_be_wrong and follows is None and not judged_gap(steps[-1]).exceeds_healthy:
                     worst = records.worst(steps[-1])
                 found, classes = _named(workspace, steps, for_now=worst is not None or follows is not None)
         except TimeIsUpError:
-            hidden, worst, follows, unfinished = [], None, None, _unfinished(workspace, doing)
+            worst, follows, unfinished = None, None, _unfinished(workspace, doing)
             found = judge_so_far(workspace, stoppable)
             classes, final = classes_with_fit(found, self.candidates)
             found = replace(found, final=final)
-        return _Searched(found, tuple(classes), tuple(hidden), worst, follows, unfinished, stoppable, workspace)
+        return _Searched(found, tuple(classes), worst, follows, unfinished, stoppable, workspace)
 
     def judge(self, searched: _Searched[Physics]) -> Judged[Physics]:
         """Judge what is left, and describe it if it is too much."""
@@ -172,13 +167,10 @@ class _Asked(Generic[Physics]):
         members = ((group.representative.effect, group.representative.delta_bic) for group in classes)
         wanders = wandering(final, members, remainder)
         with nullcontext() if searched.unfinished else searched.axis.stoppable():
-            outcome, allowed, description = self._conclude(searched, remainder, wanders=bool(wanders))
+            outcome, description = self._conclude(searched, remainder, wanders=bool(wanders))
         if description is not None and description.fitted is not None:
             outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
             found, classes = description.put_into(found, classes)
-        # an effect that would do in the place of another is reported there
-        reported = {key for group in classes for key in group.keys}
-        hidden = (key for key in searched.hidden if key not in reported and remainder.is_left(allowed))
         return Judged(
             outcome=outcome,
             found=found,
@@ -186,7 +178,6 @@ class _Asked(Generic[Physics]):
             classes=classes,
             remainder=remainder,
             wanders=wanders,
-            hidden=tuple(hidden),
             described=() if description is None else (description.described,),
             unfinished=searched.unfinished,
             axis=searched.axis,
@@ -194,18 +185,18 @@ class _Asked(Generic[Physics]):
 
     def _conclude(
         self, searched: _Searched[Physics], remainder: Remainder, *, wanders: bool
-    ) -> tuple[Outcome, float, Description | None]:
-        """Return the outcome of effects with names, what it is judged by, and what is described beside or for them.
+    ) -> tuple[Outcome, Description | None]:
+        """Return the outcome of effects with names, and what is described beside them or in their place.
 
         What ``wanders`` over frequency is no effect of the catalogue, and what was found beside it may be a part of it.
         An unfinished search is not described, and what follows the excitation by a law of its own has been.
         """
         found, classes, workspace = searched.found, searched.classes, searched.workspace
         if searched.follows is not None:
-            return Outcome.DESCRIBED, PULLS, searched.follows
+            return Outcome.DESCRIBED, searched.follows
         outcome = Outcome.UNKNOWN if wanders else _outcome(found.baseline, found.final, classes, remainder, PULLS)
         if searched.unfinished:
-            return Outcome.PARTIAL if classes and outcome is not Outcome.UNKNOWN else Outcome.UNKNOWN, PULLS, None
+            return Outcome.PARTIAL if classes and outcome is not Outcome.UNKNOWN else Outcome.UNKNOWN, None
         follow = wanders or follow_conditions(found.final)
         by_tolerances = (
             outcome if follow else _outcome(found.baseline, found.final, classes, remainder, PULLS_OF_TOLERANCES)
@@ -216,13 +207,12 @@ class _Asked(Generic[Physics]):
             described = describe(found.baseline, found.final, workspace.candidates, self.sizes, workspace.progress)
             described = described or describe_levels(found.baseline, found.final, workspace.progress)
             if described is not None and described.fitted is not None:
-                return outcome, PULLS, described
-        allowed = PULLS
+                return outcome, described
         if outcome in _UNCERTAIN and not follow:
-            outcome, allowed = by_tolerances, PULLS_OF_TOLERANCES
+            outcome = by_tolerances
         if outcome in _SURE:
             described = self._elsewhere(workspace, found.final)
-        return outcome, allowed, None if outcome is Outcome.NONE else described
+        return outcome, None if outcome is Outcome.NONE else described
 
     def _elsewhere(self, workspace: Workspace[Physics], final: Fitted[Physics]) -> Description | None:
         """Return what swings in another place than what was named for it, None too where time is up."""

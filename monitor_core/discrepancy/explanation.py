@@ -325,8 +325,6 @@ class Explanation:
     gap_by_channel: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Of the declared parameters, before anything was added: what they would have to be off by in its place [-]
     pulls_before: Mapping[str, float] = field(default_factory=dict)
-    #: Keys of effects that help, but by less than a quarter of what is left, and may be a part of it; in no model.
-    hidden_in_remainder: tuple[str, ...] = ()
     #: Taken out before anything was explained, worst first.
     records: tuple[WrongRecord, ...] = ()
     #: What is not in the data and was assumed before anything was compared, in the sentences of who assumed it.

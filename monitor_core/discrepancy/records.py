@@ -20,17 +20,7 @@ that is independent,
 The last term is the price of having looked at every record for every fault. A record that is wrong in another way has a
 variance q s² of its own; with n values that is worth :math:`a n (q - 1 - \ln q)`.
 
-A wrong record pulls the fit towards itself. What is left of its misfit is small then, and other records stand out in
-its place. With the residuals r of the fit, their derivatives J by its coordinates, the precision
-:math:`G = J^T J + \Pi` with the priors', and the change d of the residuals by a tag of one record, a linear refit with
-that tag free takes
-
-.. math::
-
-    \Delta\chi^2 = \frac{(d^T r)^2}{d^T d - d^T J G^{-1} J^T d}
-
-Added-variable test of a mean shift (Cook and Weisberg, Residuals and Influence in Regression, 1982, section 2.2). What
-stands out together with the others of one level, all that were taken warm, say, is an effect and no record.
+What stands out together with the others of one level, all that were taken warm, say, is an effect and no record.
 """
 
 import math
@@ -394,63 +384,8 @@ def _shared_by_level(whole: HasRecords[Physics], index: int, scores: FloatArray,
     return False
 
 
-#: Of the squares of a direction, what a refit must leave of it for it to say anything.
-_LEAST_LEFT = 1e-3
-
-
-def bent_to(fitted: Fitted[Physics], records: HasRecords[Physics]) -> dict[int, float]:
-    """Return the records of a fit that would very strongly have a tag or gain of their own, with the evidence for it.
-
-    By their places, best first. ``records`` is the comparison that was fitted. A record that was held out has bent
-    nothing.
-    """
-    taken = np.max([taken_by_each(fitted, row) for row in _directions(fitted, records)], axis=0)
-    scale = evidence_scale(fitted)
-    price = 2.0 * math.log(taken.size * len(RecordFault))
-    evidence = scale.factor * taken - scale.penalty(1) - price
-    order = np.argsort(-evidence, kind="stable")
-    return {index: float(evidence[index]) for index in order.tolist() if evidence[index] > VERY_STRONG}
-
-
-def _directions(fitted: Fitted[Physics], records: HasRecords[Physics]) -> Iterator[FloatArray]:
-    """Yield the changes of the misfit by the condition errors, and by the tags that are none, shape (n_values,)."""
-    whitened_by = fitted.around.whitened_by
-    yield from whitened_by.directions * whitened_by.deviation
-    physics = fitted.physics()
-    ranges = records.tag_ranges(physics, 0)
-    for tag in TAGS:
-        if tag in ranges and tag not in {"position", "preload"}:
-            tags, (low, high) = records.tags(tag), ranges[tag]
-            try:
-                yield slope_by_tag(records, physics, tag, tags, np.full_like(tags, _STEP * (high - low)))
-            except OutsideValidityError:
-                continue
-
-
-def taken_by_each(fitted: Fitted[Physics], change: FloatArray) -> FloatArray:
-    """Return what an unknown amount of a change of the misfit in one record alone takes of χ², (n_settings,).
-
-    Everything else is refitted, as far as the misfit is linear in it.
-    """
-    chosen, setting = fitted.fitted, fitted.comparison.layout.setting
-    n_settings = len(fitted.comparison.layout.settings)
-    along = np.where(chosen, fitted.around.whitened_by(change), 0.0)
-    inverse = np.linalg.pinv(fitted.precision(), hermitian=True)
-
-    def sums(values: FloatArray) -> FloatArray:
-        return np.bincount(setting, weights=along * values, minlength=n_settings).astype(np.float64)
-
-    square = sums(along)
-    with_coordinates = np.array([sums(column) for column in fitted.jacobian.T]).reshape(-1, n_settings)
-    left = square - np.einsum("ks,kl,ls->s", with_coordinates, inverse, with_coordinates)
-    known = left > _LEAST_LEFT * square
-    return np.where(known, sums(fitted.standardised) ** 2 / np.where(known, left, 1.0), 0.0)
-
-
 #: Of the records, how many may be wrong; more is another model.
 _MOST_WRONG = 0.2
-#: Records without which a fit is made again, of those that it seems to have bent to.
-_MOST_BENT_TO = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -477,26 +412,7 @@ class Records(Generic[Physics]):
         whole = self.whole
         if not isinstance(whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(whole.layout.settings):
             return None
-        return worst_record(fitted, whole, self.wrong) or self._bent_to(fitted, whole)
-
-    def _bent_to(self, fitted: Fitted[Physics], whole: HasRecords[Physics]) -> WrongRecord | None:
-        """Return the record that is most surely wrong under a fit without it, None without any."""
-        kept = self.kept
-        evidence = bent_to(fitted, kept) if isinstance(kept, HasRecords) else {}
-        best, *others = [*evidence.values(), 0.0]
-        if judged_gap(fitted).exceeds_healthy and others and best < STANDS_OUT * others[0]:
-            return None  # where much is missing the fit bends to many
-        numbers = [index for index in range(len(whole.layout.settings)) if index not in self.wrong]
-        for place in list(evidence)[:_MOST_BENT_TO]:
-            rest = whole.only(frozenset(numbers) - {numbers[place]})
-            try:
-                without = fit(rest, fitted.hypothesis, fitted.coordinates, fitted_values(rest.layout))
-            except OutsideValidityError:
-                continue
-            worst = worst_record(without, whole, self.wrong)
-            if worst is not None and worst.number - 1 == numbers[place]:
-                return worst
-        return None
+        return worst_record(fitted, whole, self.wrong)
 
     def named(self, fitted: Fitted[Physics]) -> tuple[WrongRecord, ...]:
         """Return what is wrong with the records that are taken out, under the final fit, worst first.

@@ -53,7 +53,6 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         **members(explanation, "least_delta_bic", "pulls", "pulls_before"),
         "maps": [_map(shown) for shown in explanation.maps],
         "described": [_described(description) for description in explanation.described],
-        "hidden_in_remainder": explanation.hidden_in_remainder,
         "records": [_record(record) for record in explanation.records],
         "taken_as": list(assumption_sentences(explanation)),
         "unfinished": None if unfinished is None else unfinished_sentence(unfinished, KEYS),

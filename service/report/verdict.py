@@ -101,7 +101,6 @@ def asides(explanation: Explanation) -> tuple[str, ...]:
         *([unfinished_sentence(explanation.unfinished, NAMES)] if explanation.unfinished else []),
         *_record_sentences(explanation),
         *assumption_sentences(explanation),
-        *_hidden_in_remainder(explanation),
         *_nearest(explanation),
         *_scattered(explanation),
         *_pulled(explanation),
@@ -147,17 +146,6 @@ def _named(effect: FoundEffect) -> str:
     others = f" or {len(effect.equivalent_to) - 1} more" if len(effect.equivalent_to) > 1 else ""
     name = " or ".join([own, *(f"“{name_of(key)}”" for key in effect.equivalent_to[:1])]) + others
     return name if effect.plausible or _is_wrong(effect) else f"{name} (a stand-in: its value is not plausible)"
-
-
-def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
-    hidden = explanation.hidden_in_remainder
-    if hidden:
-        verb, they, are = ("helps", "it", "is") if len(hidden) == 1 else ("help", "they", "are")
-        names = listed([f"“{name_of(key)}”" for key in hidden])
-        yield (
-            f"{names} {verb}, too, but by little compared with what is left: whatever is missing may look so, and "
-            f"{they} {are} neither named nor in the model."
-        )
 
 
 def _nearest(explanation: Explanation) -> Iterator[str]:

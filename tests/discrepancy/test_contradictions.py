@@ -41,7 +41,6 @@ WRONG = {
     "found twice": replace(GOOD, effects=(EFFECT, EFFECT)),
     "found and not": replace(GOOD, candidates=(Candidate("a", 3.0, 1.0, 0.1, "-"),)),
     "of no size": replace(GOOD, effects=(replace(EFFECT, parameters={"size": NO_SIZE}),)),
-    "a part of nothing": replace(GOOD, hidden_in_remainder=("b",)),
 }  # fmt: skip
 
 

@@ -17,7 +17,6 @@ from monitor_core.discrepancy.verdict.outcome import (
     Remainder,
     explained_share,
     follow_conditions,
-    hidden_in_remainder,
     outcome_of,
     remainder_of,
 )
@@ -216,43 +215,6 @@ def test_share_explained() -> None:
     before, after = linear(DESIGN @ [30.0, 10.0, 0.0]), linear(DESIGN @ [30.0, 10.0, 0.0], effects=(0,))
     assert explained_share(before, after, 100.0) == pytest.approx(900.0 / (900.0 + 100.0), rel=1e-6)
     assert explained_share(before, before, 100.0) == 0.0
-
-
-@pytest.mark.parametrize(("small", "hidden"), [(2.9, True), (3.1, False)])
-def test_an_effect_that_is_small_beside_what_is_left_is_not_named(small, hidden) -> None:
-    """χ² falls by 49² with one effect, by some 9 with the other; 100 stays, 36 of it beyond a healthy axis."""
-    noise = np.random.default_rng(5).standard_normal(40)
-    noise -= DESIGN @ (DESIGN.T @ noise)
-    data = DESIGN @ [49.0, small, 0.0] + 10.0 * noise / np.linalg.norm(noise)
-    final = linear(data, effects=(0, 1))
-    assert remainder_of(final).misfit == pytest.approx(36.0, abs=1.0)
-    least = hidden_in_remainder(linear(data), final, lambda _, effect: without(data, effect))
-    assert (least and least.key) == (quantity(1).key if hidden else None)
-    alone = linear(data, effects=(0,))
-    assert hidden_in_remainder(linear(data), alone, lambda _, effect: linear(data)) is None
-
-
-def without(data, effect):
-    """Return the fit without one of the first two effects."""
-    return linear(data, effects=(1 if effect.key == quantity(0).key else 0,))
-
-
-def test_an_effect_with_textbook_values_is_weighed_like_any_other() -> None:
-    """Its values are a mapping, by which no dictionary can be kept: it ended ``explain`` in an error."""
-    noise = np.random.default_rng(5).standard_normal(40)
-    noise -= DESIGN @ (DESIGN.T @ noise)
-    data = DESIGN @ [49.0, 2.9, 0.0] + 10.0 * noise / np.linalg.norm(noise)
-    final = linear(data, effects=(0, 1))
-    known = tuple(replace(effect, textbook={"size": 1.0}) for effect in final.hypothesis.effects)
-    textbook = replace(final, hypothesis=replace(final.hypothesis, effects=known))
-    least = hidden_in_remainder(linear(data), textbook, lambda _, effect: without(data, effect))
-    assert least is known[1]
-
-
-def test_nothing_is_small_beside_the_noise() -> None:
-    data = DESIGN @ [49.0, 2.0, 0.0]
-    final = linear(data, effects=(0, 1))
-    assert hidden_in_remainder(linear(data), final, lambda _, effect: without(data, effect)) is None
 
 
 def test_variances_of_pulls_are_one_where_all_is_right() -> None:

@@ -8,12 +8,10 @@ import pytest
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import RecordFault
 from monitor_core.discrepancy.records import (
-    bent_to,
     cleared,
     least_along,
     record_costs,
     scatter_of,
-    taken_by_each,
     worst_record,
 )
 from monitor_core.errors import OutsideValidityError
@@ -24,13 +22,9 @@ from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 from tests.conftest import canary
 from tests.discrepancy.axes import (
-    LinearAxis,
-    LinearComparison,
     compared,
     effects_by_key,
-    layout_of,
     measured,
-    quantity,
     settings,
     subject,
     true_subject,
@@ -152,40 +146,6 @@ def test_of_healthy_machines_no_record_is_named() -> None:
         for seed in range(20)
     ]
     assert not any(named)
-
-
-def test_a_record_that_the_fit_has_bent_to_is_found_under_a_fit_without_it() -> None:
-    """The first record is nearest to the bearing, and what its preload says moves two declared springs."""
-    observations = measured(true_subject(), CONDITIONS)
-    wrong = observations[0]
-    observations[0] = replace(wrong, conditions=replace(wrong.conditions, preload=180.0))
-    comparison, hypothesis = compared(observations), Hypothesis(subject())
-    bent = fit(comparison, hypothesis, hypothesis.null, fitted_values(comparison.layout))
-    assert worst_record(bent, comparison, frozenset()) is None  # with what it has done to the fit it looks like others
-    assert next(iter(bent_to(bent, comparison))) == 0
-    (record,) = answered(observations, "added-mass").records
-    assert (record.number, record.fault) == (1, RecordFault.PRELOAD)
-    assert record.found == pytest.approx(120.0, abs=max(3.0 * record.standard_uncertainty, 3.6))
-
-
-def test_what_a_change_in_one_record_takes_is_that_of_least_squares_with_one_column_more() -> None:
-    rng = np.random.default_rng(0)
-    sizes, deviation = (7, 9, 6, 8), rng.uniform(0.5, 2.0, 30)
-    design, data = rng.standard_normal((30, 3)), rng.standard_normal(30)
-    comparison = LinearComparison(layout_of(sizes, deviation), design, data, np.zeros((0, 30)))
-    axis = LinearAxis({"first": 1.0, "second": 1.0}, 3)
-    hypothesis = Hypothesis(axis, (quantity(2),))
-    fitted = fit(comparison, hypothesis, hypothesis.null)
-    change = rng.standard_normal(30)
-    rows = np.vstack([design / deviation[:, None], np.eye(2, 3)])
-    target = np.concatenate([data / deviation, np.zeros(2)])
-
-    def least(columns):
-        return np.sum((columns @ np.linalg.lstsq(columns, target)[0] - target) ** 2)
-
-    for record, taken in enumerate(taken_by_each(fitted, change)):
-        column = np.concatenate([np.where(comparison.layout.setting == record, change / deviation, 0.0), [0.0, 0.0]])
-        assert taken == pytest.approx(least(rows) - least(np.column_stack([rows, column])), rel=1e-5)
 
 
 #: The last two records were taken 40 K warmer, as is stated.

@@ -209,18 +209,12 @@ def test_verdict_on_what_a_parameter_had_taken_up_says_which_and_how_far() -> No
     )
 
 
-def test_what_helps_unnamed_and_what_is_pulled_far_is_said_below_the_verdict() -> None:
+def test_what_was_assumed_and_what_is_pulled_far_is_said_below_the_verdict() -> None:
     plain = replace(EXAMPLES[Outcome.PARTIAL], pulls=EXAMPLES[Outcome.NAMED].pulls)
     assert asides(plain) == ()
     (scattered,) = asides(EXAMPLES[Outcome.PARTIAL])
     assert scattered.startswith("What is stated as preload scatters by 4.8 times its tolerance")
-    example = replace(plain, assumptions=("It is on the nut.",), hidden_in_remainder=("torque-delay",))
-    settled, hidden = asides(example)
-    assert settled == "It is on the nut."
-    assert hidden.startswith("“Delay between torque and motion” helps, too, but by little compared with what is left")
-    assert hidden.endswith("it is neither named nor in the model.")
-    two = replace(plain, hidden_in_remainder=("torque-delay", "added-mass"))
-    assert asides(two)[0].startswith("“Delay between torque and motion” and “Added mass on the table” help, too")
+    assert asides(replace(plain, assumptions=("It is on the nut.",))) == ("It is on the nut.",)
     pulled = replace(
         plain,
         pulls={"position": 11.0, "table_mass_kg": -71.6, "loss_factor": 2.4, "bracket_stiffness_n_per_m": 2.6},

@@ -91,14 +91,6 @@ def _ended(
     return _leading_to(final, [workspace.baseline, *steps[:-1]] if final.hypothesis.effects else [])
 
 
-def leave_out(
-    workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]], effect: Effect[Physics]
-) -> tuple[Fitted[Physics], ...]:
-    """Return the fits of a search that ends without one of its effects."""
-    final = workspace.without(steps[-1], effect)
-    return _leading_to(final, [step for step in steps if step.hypothesis.keys < final.hypothesis.keys])
-
-
 def judge_found(
     workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]], *, alternatives: bool = True
 ) -> Found[Physics]:

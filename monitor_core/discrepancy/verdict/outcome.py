@@ -11,7 +11,7 @@ missing, too, the frequency of a resonance that stays takes up little of that.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,6 @@ import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.search.search import findings, strain
 from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, STRAINED, are_pulled, variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
@@ -38,8 +37,8 @@ _BY_CHANCE, _FEWEST = 1e-3, 6
 #: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
 PULLS = 3.0
 #: Where something is left, what was found must explain this share of the misfit; otherwise it may only stand in for the
-#: true effect. And an effect that explains less of what is left, besides others, may be a part of it in disguise.
-LEAST_SHARE, _LEAST_OF_REMAINDER = 0.95, 0.25
+#: true effect.
+LEAST_SHARE = 0.95
 
 
 def follow_conditions(fitted: Fitted[Physics]) -> bool:
@@ -162,32 +161,6 @@ def explained_share(baseline: Fitted[Physics], final: Fitted[Physics], left: flo
     """
     gained = baseline.cost - final.cost
     return gained / (gained + left) if gained > 0.0 else 0.0
-
-
-def hidden_in_remainder(
-    baseline: Fitted[Physics],
-    final: Fitted[Physics],
-    without: Callable[[Fitted[Physics], Effect[Physics]], Fitted[Physics]],
-) -> Effect[Physics] | None:
-    """Return the effect that explains least, if what is found leaves so much that it may be a part of that.
-
-    ``without`` returns the fit without one of the effects. None is returned where the effects together do not explain
-    enough to be believed: then nothing is named in any case.
-    """
-    effects, remainder = findings(final), remainder_of(final)
-    if len(effects) < 2 or not remainder.is_left():
-        return None
-    if explained_share(baseline, final, remainder.misfit) < LEAST_SHARE:
-        return None
-    fits = [(without(final, effect), effect) for effect in effects]
-    # what relieves a declared parameter of a strain is needed, however small beside what is left
-    dispensable = [(lesser, effect) for lesser, effect in fits if strain(final, lesser) <= STRAINED]
-    if not dispensable:
-        return None
-    least, effect = min(
-        ((lesser.cost - final.cost, effect) for lesser, effect in dispensable), key=lambda pair: pair[0]
-    )
-    return effect if least < _LEAST_OF_REMAINDER * remainder.misfit else None
 
 
 #: θ: a resonance is narrow, so that no step may lie far from the next, and what wanders goes far.
