@@ -1,6 +1,6 @@
 r"""Decide the outcome of a search: named, equivalent, partial, none or unknown.
 
-A resonance that wanders is none of the catalogue: what wanders with the position or the preload is taken for a
+A resonance that wanders is no effect of the catalogue: what wanders with the position or the preload is taken for a
 resonance where it stands at some settings, and for a second one where it stands at others. So the own frequency f of
 every effect is freed at each setting, everything else as it was found,
 
