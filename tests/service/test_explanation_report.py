@@ -639,7 +639,8 @@ def test_every_step_has_a_sentence() -> None:
     """With all that a step can have; a condition that its kind speaks of."""
     values = dict.fromkeys(
         ("lowest_hz", "highest_hz", "lowest_n", "highest_n", "lowest_m", "highest_m", "lowest_kg",
-         "highest_kg", "lowest_k", "highest_k", "lowest_level", "highest_level", "frequency_hz", "mass_kg", "warming_k", "factor_at_first", "factor_at_second", "pull",
+         "highest_kg", "lowest_k", "highest_k", "lowest_level", "highest_level", "frequency_hz", "mass_kg", "warming_k",
+         "factor_at_first", "factor_at_second", "pull",
          "pull_of_others", "scatter_over_stated", "slower_m_per_s", "faster_m_per_s", "n_positions"), 5.0,
     )  # fmt: skip
     effects = (StepEffect("added-mass", 2.0, "kg"), StepEffect("loss-factor", 4.0, "sigma"))
