@@ -101,6 +101,7 @@ class StoredMeasurement(BaseModel):
     if_stated: tuple[IfStated, ...] = ()
     drag_torque_nm: float | None = None
     baseline_preload_n: float | None = None
+    uncharted: str | None = None  # why it moved no chart
     expected_frequency_hz: float | None = None  # of a healthy axis there; without a calibration
     expected_frequency_standard_uncertainty_hz: float | None = None
     frequency_fall_percent: float | None = None

@@ -161,11 +161,13 @@ def _drawn(
         return None
     earliest, latest = ends
     shown = shown_range(f"/axes/{axis}", query, earliest.at, latest.at)
-    points = on.trend.at_resolution(axis, Span(shown.start, shown.end), MOST_SHOWN - 1).points
+    points = on.trend.at_resolution(axis, Span(shown.start, shown.end), MOST_SHOWN - 1, monitored=True).points
     main = preload_charts if history.healthy is None else frequency_charts
     # the present is shown, whatever is thinned out
-    if shown.start <= latest.at < shown.end and latest not in points:
+    if shown.start <= latest.at < shown.end and latest.set_preload_n is None and latest not in points:
         points = [*points, latest]
+    if not points:
+        return None
     drawn, worked = Drawn.of(points, history.healthy), [event for event in events if event.kind == "work"]
     friction, frequency = (words(N_("Friction torque over time")), "N·m"), (words(N_("Frequency over time")), "Hz")
     return Pictures(

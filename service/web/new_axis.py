@@ -1,8 +1,9 @@
-"""``/axes/new``: name and machine, and what a catalogue says of the axis; everything else follows."""
+"""``/axes/new``: name and machine, and what a catalogue says of the axis, if anything; no model is made up."""
 
 import re
 import unicodedata
 from typing import Annotated, Final
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Form, Query, Response
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
@@ -24,6 +25,11 @@ router = APIRouter(include_in_schema=False)
 NEW: Final = "new"
 _NAME: Final[TypeAdapter[str]] = TypeAdapter(AxisName)
 _LABEL: Final[TypeAdapter[str]] = TypeAdapter(Label)
+#: What a catalogue states in numbers: all of it, or nothing, and then no model is made up.
+NUMBERS: Final = (
+    "screw_diameter_mm", "screw_lead_mm", "screw_length_mm", "moved_mass_kg", "nut_stiffness_n_per_um",
+    "dynamic_load_rating_n",
+)  # fmt: skip
 
 
 class NewAxisForm(BaseModel):
@@ -31,19 +37,21 @@ class NewAxisForm(BaseModel):
 
     name: Annotated[str, Field(max_length=200)] = ""
     machine: Annotated[str, Field(max_length=200)] = ""
-    screw_diameter_mm: Annotated[str, Field(max_length=40)] = "20"
-    screw_lead_mm: Annotated[str, Field(max_length=40)] = "6"
-    screw_length_mm: Annotated[str, Field(max_length=40)] = "971"
-    moved_mass_kg: Annotated[str, Field(max_length=40)] = "22"
-    nut_stiffness_n_per_um: Annotated[str, Field(max_length=40)] = "470"
-    dynamic_load_rating_n: Annotated[str, Field(max_length=40)] = "4000"
+    screw_diameter_mm: Annotated[str, Field(max_length=40)] = ""
+    screw_lead_mm: Annotated[str, Field(max_length=40)] = ""
+    screw_length_mm: Annotated[str, Field(max_length=40)] = ""
+    moved_mass_kg: Annotated[str, Field(max_length=40)] = ""
+    nut_stiffness_n_per_um: Annotated[str, Field(max_length=40)] = ""
+    dynamic_load_rating_n: Annotated[str, Field(max_length=40)] = ""
     nut: Annotated[str, Field(max_length=40)] = "double"
     bearings: Annotated[str, Field(max_length=40)] = "fixed-supported"
     excitation_source: Annotated[str, Field(max_length=40)] = "sensor"
 
-    def catalogue(self) -> CatalogueIn:
-        """Return the catalogue data; raises ValidationError."""
+    def catalogue(self) -> CatalogueIn | None:
+        """Return the catalogue data, None if nothing of it is stated; raises ValidationError."""
         typed = self.model_dump(exclude={"name", "machine"})
+        if not any(typed[name].strip() for name in NUMBERS):
+            return None
         return CatalogueIn.model_validate({name: decimal_point(text) for name, text in typed.items()})
 
 
@@ -58,15 +66,15 @@ def new_axis_page(page: PageOf, form: Annotated[NewAxisForm, Query()], on: Servi
 def register_axis(page: PageOf, form: Annotated[NewAxisForm, Form()], on: ServicesOf) -> Response:
     """Register the axis and lead on to its first recording; what does not fit is said, and stays as it was typed."""
     proposal, refusal = _proposal(form)
-    if proposal is None:
+    if refusal:
         return _page(page, form, on, None, refusal=refusal, status=422)
     name, machine = form.name.strip(), form.machine.strip()
     try:
         axis_id = axis_id_of(name)
         configuration = AxisConfiguration(
-            search_band_hz=proposal.search_band_hz,
+            search_band_hz=None if proposal is None else proposal.search_band_hz,
             excitation_source="drive" if form.excitation_source == "drive" else "sensor",
-            drive_model=proposal.drive_model,
+            drive_model=None if proposal is None else proposal.drive_model,
             machine=_LABEL.validate_python(machine) if machine else None,
         )
         on.axes.register(axis_id, _LABEL.validate_python(name), configuration, only_new=True)
@@ -89,13 +97,18 @@ def axis_id_of(name: str) -> str:
 
 
 def _proposal(form: NewAxisForm) -> tuple[AxisProposal | None, str]:
-    """Return what follows from the data, or why nothing does, in a sentence."""
+    """Return what follows from the data, or why nothing does, in a sentence; neither if nothing is stated."""
     try:
-        return axis_proposal(form.catalogue()), ""
+        catalogue = form.catalogue()
+        return None if catalogue is None else axis_proposal(catalogue), ""
     except ValidationError as error:
         return None, first_refusal(error)
     except MonitorCoreError as error:
         return None, str(error)
+
+
+#: What a catalogue says of a small milling machine, to look at.
+_EXAMPLE: Final = urlencode(CatalogueIn().model_dump(include=set(NUMBERS)))
 
 
 def _page(
@@ -104,5 +117,12 @@ def _page(
     charts = None if proposal is None else expected_charts(page.words, proposal)
     machines = sorted({m for axis in on.trend.fleet().axes if (m := axis.configuration.machine)})
     return page.show(
-        "new_axis.html", status=status, form=form, proposal=proposal, refusal=refusal, machines=machines, charts=charts
+        "new_axis.html",
+        status=status,
+        form=form,
+        proposal=proposal,
+        refusal=refusal,
+        machines=machines,
+        charts=charts,
+        example=_EXAMPLE,
     )

@@ -81,3 +81,26 @@ def test_a_picture_is_drawn_anew_when_what_it_shows_has_changed(tmp_path) -> Non
     assert lubricated in page
     assert ">geschmiert<" in in_german
     assert ">geschmiert<" not in page
+
+
+def test_preloads_set_on_purpose_are_no_history(tmp_path) -> None:
+    rng = np.random.default_rng(7)
+    with running_service(tmp_path) as api:
+        api.register("axis", windows_per_measurement=2, minimum_averages=2)
+        api.calibrate("axis")
+        for number, preload in enumerate((100.0, 150.0, 200.0, None, None)):
+            api.accept(
+                "axis",
+                simulated_measurement(
+                    rng, f"m{number}", n_windows=2, preload=preload or 300.0, set_preload=preload,
+                    started_at=START + timedelta(days=number),
+                ),
+            )  # fmt: skip
+            if number == 2:
+                before = [api.http.get(path).text for path in ("/axes/axis", "/")]
+        page, fleet = (api.http.get(path).text for path in ("/axes/axis", "/"))
+    assert [("set on purpose" in text, "<svg" in text) for text in before] == [(True, False)] * 2
+    assert "set on purpose" not in fleet
+    assert sorted(set(re.findall(r'measurements/(\d+)" tabindex', page))) == ["4", "5"]
+    (course,) = re.findall(r'class="spark" d="([^"]*)"|d="([^"]*)" class="spark"', fleet)
+    assert len(re.findall(r"[\d.]+ [\d.]+", "".join(course))) == 2

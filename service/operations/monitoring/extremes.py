@@ -16,20 +16,27 @@ _LOWEST, _HIGHEST = itemgetter(1), itemgetter(3)
 READ_PER_POINT = 4
 
 
-def extremes(connection: Connection, axis_number: int, span: Span, resolution: int) -> list[ShownPoint]:
+def extremes(
+    connection: Connection, axis_number: int, span: Span, resolution: int, *, monitored: bool = False
+) -> list[ShownPoint]:
     """Return the lowest and the highest preload of each of so many stretches of a span, in time order.
 
     Extremes are kept because a reader looks for them; a mean would hide the low value that matters. A stretch without
-    a preload is shown by its first measurement.
+    a preload is shown by its first measurement. ``monitored``: only those whose preload was not set on purpose.
     """
     n_measurements, n_hours = number_held(connection, axis_number, span)
     most = READ_PER_POINT * resolution
     if n_measurements <= most:
         points = page_of_points(connection, axis_number, PageOf(span, most + 1))
-        return thin_out(points, resolution)
+        return thin_out(_history(points) if monitored else points, resolution)
     units = [HOUR] if n_hours <= most else [DAY, HOUR]
     held = _held(connection, axis_number, span, units)
-    return points_at(connection, axis_number, extremes_of(held, max(resolution // 2, 1)))
+    points = points_at(connection, axis_number, extremes_of(held, max(resolution // 2, 1)))
+    return _history(points) if monitored else points
+
+
+def _history(points: Sequence[ShownPoint]) -> list[ShownPoint]:
+    return [point for point in points if point.set_preload_n is None]
 
 
 def thin_out(points: Sequence[ShownPoint], most: int) -> list[ShownPoint]:

@@ -221,11 +221,15 @@ class Trend:
         return Fleet(statuses, damaged)
 
     def newest_preloads(self, rows: Sequence[AxisRow], most: int) -> dict[str, list[float]]:
-        """Return the newest preloads of axes in time order, for a small picture of each; refused ones have none."""
+        """Return the newest preloads of axes in time order, for a small picture of each.
+
+        Refused ones have none, and one that was set on purpose tells nothing of the course.
+        """
 
         def read(row: AxisRow) -> list[float]:
             points = page_of_points(connection, row.number, PageOf(Span(), most, newest_first=True))
-            return [point.preload_n for point in reversed(points) if point.preload_n is not None]
+            shown = (point for point in reversed(points) if point.set_preload_n is None)
+            return [point.preload_n for point in shown if point.preload_n is not None]
 
         with self._database.reading() as connection:
             return {
@@ -329,10 +333,16 @@ class Trend:
             )
         return (first[0], last[0]) if first else None
 
-    def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage[list[ShownPoint]]:
-        """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload."""
+    def at_resolution(
+        self, axis_id: str, span: Span, resolution: int, *, monitored: bool = False
+    ) -> TrendPage[list[ShownPoint]]:
+        """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload.
+
+        ``monitored``: only those whose preload was not set on purpose, which is how the axis wore.
+        """
         with self._opened(axis_id) as on:
-            return TrendPage(extremes(on.connection, on.number, span, resolution), None, on.revision, on.stale)
+            points = extremes(on.connection, on.number, span, resolution, monitored=monitored)
+            return TrendPage(points, None, on.revision, on.stale)
 
     def measurement(self, axis_id: str, measurement_id: int) -> MeasurementView:
         """Return one measurement with its windows."""
