@@ -149,12 +149,6 @@ def list_pins(database: Database, axis_id: str, before_id: int | None, limit: in
         return retention.list_pins(session, axis_id, before_id, limit)
 
 
-def count_pins(database: Database, axis_id: str) -> int:
-    """Count the pins of an axis."""
-    with database.read() as session:
-        return retention.count_pins(session, axis_id)
-
-
 #: To walk through all files takes seconds where there are many: what was counted is told again for so long.
 FRESH_S = 60.0
 #: The pace is that of so many days.

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, bindparam, delete, func, insert, literal_column, select, text, update
+from sqlalchemy import Connection, delete, func, insert, literal_column, select, text, update
 from sqlalchemy.orm import Session
 
 from service.errors import LetGoError
@@ -27,7 +27,6 @@ from service.store.waveforms import WaveformPlace
 
 #: One number for all who change what is kept; any that nothing else in this database takes.
 _LOCK = 7102026
-_N_PINS = select(func.count()).where(PinRow.axis_id == bindparam("axis_id"))
 #: As the index has it: a bound value would hide from SQLite that the index answers.
 _STORED = WindowRow.file_path != literal_column("''")
 
@@ -172,11 +171,6 @@ def pins_of(connection: Connection, axis_id: str) -> list[tuple[int | None, date
 def pin_of_measurement(session: Session, measurement_id: int) -> PinRow | None:
     """Return the pin of a measurement, if it has one."""
     return session.scalars(select(PinRow).where(PinRow.measurement_id == measurement_id)).one_or_none()
-
-
-def count_pins(session: Session, axis_id: str) -> int:
-    """Count the pins of an axis."""
-    return int(session.scalar(_N_PINS, {"axis_id": axis_id}) or 0)
 
 
 def list_pins(session: Session, axis_id: str, before_id: int | None, limit: int) -> list[PinRow]:

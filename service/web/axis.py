@@ -23,7 +23,6 @@ from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.history import AxisHistory
 from service.operations.monitoring.standing import MOST_TOLD, facts_of, open_alarm
 from service.operations.monitoring.trend import AxisStatus, Only
-from service.operations.retention import count_pins
 from service.report.trend_chart import LaneEvent
 from service.store.alarms import LOST_MOTION
 from service.store.tables import AxisRow, MaintenanceRow
@@ -189,7 +188,6 @@ class Sections:
     n_work: int
     jobs: list[JobOut]
     quality: Quality | None  # None: nothing was measured yet
-    n_pins: int
 
 
 def sections_of(status: AxisStatus, on: Services, history: AxisHistory) -> Sections:
@@ -201,7 +199,6 @@ def sections_of(status: AxisStatus, on: Services, history: AxisHistory) -> Secti
         n_work=len(newest_first),
         jobs=[JobOut.model_validate(row) for row in on.jobs.list(axis, MOST_LISTED)],
         quality=on.trend.quality(status.row),
-        n_pins=count_pins(on.database, axis),
     )
 
 

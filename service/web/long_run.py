@@ -66,11 +66,12 @@ class ListedSister:
 @router.get("/axes/{axis}/long-run", dependencies=[needs(Scope.TRENDS_READ)])
 def long_run_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
     """Show what an axis did over a long time."""
-    spectra, words = spectra_of(on.database, axis), page.words
+    history, words = on.history.of(axis), page.words
+    spectra = spectra_of(on.database, axis, history.healthy)
     shares = [
         (sister, line) for sister in sisters_with_trend(on.database, axis) if (line := _share(sister, axis)) is not None
     ]
-    projected = on.history.of(axis).projected
+    projected = history.projected
     return page.show(
         "axis_long_run.html",
         axis=on.axes.get(axis),
@@ -93,11 +94,12 @@ def _listed(spectrum: Spectrum) -> ListedResponse:
 
 def _waterfalls(words: Words, spectra: Sequence[Spectrum]) -> Charts:
     responses = [
-        DrawnResponse(spectrum.point.at, spectrum.frequency, spectrum.magnitude, spectrum.point.frequency_hz)
-        for spectrum in spectra
-        if spectrum.point.frequency_hz is not None
+        DrawnResponse(spectrum.point.at, spectrum.frequency, spectrum.magnitude, spectrum.mode) for spectrum in spectra
     ]
-    title, axis_words = words(N_("Size of the response around the mode, newest at the top")), words(N_("frequency, Hz"))
+    title, axis_words = (
+        words(N_("Size of the response around the mode, newest at the top")),
+        words(N_("frequency at the usual position, Hz")),
+    )
     return twice(words, partial(waterfall, title, responses, axis_words=axis_words), _WIDE, _NARROW)
 
 

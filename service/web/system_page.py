@@ -40,6 +40,7 @@ def system_page(page: PageOf, query: Annotated[SystemQuery, Query()], request: R
         receivers=[ReceiverOut.model_validate(standing) for standing in on.dispatcher.standings()],
         log=on.access.log(None, query.before, _MOST_ENTRIES) if may_read_log else None,
         most_entries=_MOST_ENTRIES,
+        query=query,
     )
 
 

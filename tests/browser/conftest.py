@@ -196,6 +196,13 @@ def violations(page: Page) -> list[str]:
     ]
 
 
+def unfold(page: Page) -> None:
+    """Open every part of a page."""
+    folded = page.locator("main > details:not([open]) > summary")
+    while folded.count():
+        folded.first.click()
+
+
 def zoom_by_dragging(page: Page) -> None:
     """Drag over the third quarter of the trend of an axis, and wait for the page that shows it alone."""
     box = page.locator("#preload-chart .wide svg").bounding_box()

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.tables import JobRow
-from tests.browser.conftest import LOOKS, Site, Visit, violations
+from tests.browser.conftest import LOOKS, Site, Visit, unfold, violations
 from tests.browser.test_fleet_page import small_targets, small_texts
 from tests.conftest import canary
 from tests.service.conftest import START
@@ -112,6 +112,7 @@ def test_what_is_typed_stays_while_the_axis_is_measured(fresh_service: Site, vis
 @pytest.mark.release
 def test_an_axis_is_archived_found_and_taken_back(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, "/axes/normal")
+    unfold(page)
     page.locator("#archive summary").click()
     page.get_by_role("button", name="Archive").click()
     expect(page.locator("#said")).to_contain_text("hidden from the fleet")
@@ -157,6 +158,7 @@ def test_a_history_is_compared_and_then_stands(fresh_service: Site, visit: Visit
     wait_for(site.api, job_page.rpartition("/")[2], "done", "failed")
     page.close()
     page = visit(site.url, "/axes/alarm", script=script)  # closed, and found again
+    unfold(page)
     page.get_by_role("link", name="History judged anew").first.click()
     expect(page.locator("#compared")).to_contain_text("The alarms are the same.")
     assert site.api.axis("alarm")["active_calibration"] != other
@@ -179,6 +181,7 @@ def test_a_part_is_compared_and_cannot_stand_alone(fresh_service: Site, visit: V
 
 def test_measurements_are_filtered_and_taken_away_as_a_table(served: Site, visit: Visit) -> None:
     page = visit(served.url, "/axes/alarm")
+    unfold(page)
     page.get_by_label(re.compile("^From")).fill("2026-03-04T00:00")
     page.get_by_label(re.compile("^To")).fill("2026-03-06T00:00")
     page.get_by_role("button", name="Show").click()
@@ -197,6 +200,7 @@ def test_measurements_are_filtered_and_taken_away_as_a_table(served: Site, visit
 
 def test_data_quality_counts_the_newest(served: Site, visit: Visit) -> None:
     page = visit(served.url, "/axes/alarm")
+    unfold(page)
     expect(page.locator("#quality")).to_contain_text("The last 13 measurements")
     expect(page.locator("#quality").get_by_role("row", name=re.compile("^without friction torque"))).to_contain_text(
         "13"
@@ -221,6 +225,7 @@ def test_an_analysis_is_begun_closed_found_again_and_cancelled(
     job = page.url.split("?")[0].rpartition("/")[2]
     page.close()
     page = visit(fresh_service.url, "/axes/alarm")
+    unfold(page)
     page.locator("#jobs a").first.click()
     assert page.url.endswith(job)
     if page.get_by_role("button", name="Cancel").count():

@@ -1,6 +1,7 @@
 """One axis: what is above the fold, nothing false in any state, the trend at any age, the alarm in two clicks."""
 
 import re
+from urllib.parse import urlencode
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -63,6 +64,17 @@ def test_state_value_age_next_step_and_last_point_are_above_the_fold(
     right, lowest = max(places)
     assert 0 < lowest < height
     assert right < SIZES[size][0]
+
+
+@pytest.mark.parametrize("size", canary(list(SIZES)))
+def test_what_a_person_comes_for_is_on_the_first_screen(served: Site, visit: Visit, size: str) -> None:
+    page = visit(served.url, "/axes/alarm", size)
+    for place in ("#state", "#value", "#sentence"):
+        expect(page.locator(place)).to_be_in_viewport(ratio=1.0)
+    expect(page.locator("#trend")).to_be_in_viewport()
+    assert page.evaluate("document.documentElement.scrollHeight") < {"desk": 1500, "phone": 2400}[size]
+    page.goto(f"{served.url}/axes/alarm#alarms")  # a link into a part unfolds it
+    expect(page.locator("#alarms")).to_be_in_viewport()
 
 
 def sentence(page: Page) -> str:
@@ -154,8 +166,11 @@ def test_ranges_and_zoom_show_less_and_more(served: Site, visit: Visit) -> None:
 
 
 def test_refused_measurements_are_hollow_marks(served: Site, visit: Visit) -> None:
-    page = visit(served.url, "/axes/long?from=2026-02-01T00:00:00Z&to=2026-02-04T00:00:00Z")
-    assert page.locator("#preload-chart .wide a").count() == 72
+    span = {"from": "2026-02-01T00:00:00Z", "to": "2026-02-04T00:00:00Z"}
+    page = visit(served.url, f"/axes/long?{urlencode(span)}")
+    points = served.api.trend("long", limit=100, **span)
+    shown = [point for point in points if point["set_preload_n"] is None]  # what was set on purpose is no history
+    assert page.locator("#preload-chart .wide a").count() == len(shown) < len(points) == 72
     refused = page.locator("#preload-chart .wide .mark.refused")
     assert refused.count() in (3, 4)
     assert refused.first.evaluate("mark => getComputedStyle(mark).fill") == "rgb(255, 255, 255)"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from tests.browser.conftest import LOOKS, Site, Visit
+from tests.browser.conftest import LOOKS, Site, Visit, unfold
 from tests.browser.states import CONFIGURATION
 from tests.browser.test_alarm_page import path as alarm_path
 from tests.browser.test_axis_actions import DAY
@@ -169,6 +169,7 @@ def judge_again_by_another_calibration(page: Page, submit: Submit, site: Site, _
 
 def archive_and_take_back(page: Page, submit: Submit, site: Site, _: Path) -> None:
     page.goto(f"{site.url}/axes/alert")
+    unfold(page)
     page.locator("#archive summary").click()
     submit(page, "Archive")
     expect(page.locator("#said")).to_contain_text("hidden from the fleet")

@@ -141,7 +141,12 @@ def test_what_does_not_fit_is_said_and_nothing_typed_is_lost(
 
 
 def test_it_speaks_german(served: Site, visit: Visit) -> None:
-    page = visit(served.url, "/axes/new?moved_mass_kg=12,5", language="de-DE")
+    page = visit(
+        served.url,
+        "/axes/new?screw_diameter_mm=20&screw_lead_mm=6&screw_length_mm=971&moved_mass_kg=12,5"
+        "&nut_stiffness_n_per_um=470&dynamic_load_rating_n=4000",
+        language="de-DE",
+    )
     expect(page.locator("h1")).to_have_text("Neue Achse")
     expect(page.get_by_role("button", name="Anmelden")).to_be_visible()
     expect(page.locator("#moved_mass_kg")).to_have_value("12,5")

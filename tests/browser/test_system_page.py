@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 from service.operations.access.people import People
 from service.store.database import Database
 from service.store.tables import JobRow
-from tests.browser.conftest import LOOKS, WITH_AND_WITHOUT_SCRIPT, Site, Visit, violations
+from tests.browser.conftest import LOOKS, WITH_AND_WITHOUT_SCRIPT, Site, Visit, unfold, violations
 from tests.browser.states import measure
 from tests.browser.test_axis_actions import press
 from tests.browser.test_fleet_page import small_targets, small_texts
@@ -22,6 +22,7 @@ PASSWORD = "correct horse battery"  # noqa: S105 - of a test
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(served: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(served.url, "/system", size, theme)
+    unfold(page)
     page.locator("#paces summary").click()
     assert not violations(page)
     assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
@@ -34,6 +35,7 @@ def test_every_page_leads_to_it_and_it_says_what_the_api_says(served: Site, visi
     press(page, "System")
     storage = served.api.http.get("/v1/retention").json()
     expect(page.locator("main")).to_contain_text(f"{storage['files']} files")
+    unfold(page)
     expect(page.locator("#storage")).to_contain_text("Every waveform is kept for ever: no rule is set.")
     expect(page.locator("#storage")).to_contain_text("keep and let go")
     versions = served.api.http.get("/v1/system").json()["versions"]
@@ -49,6 +51,7 @@ def test_refusals_of_all_axes_are_summed_by_reason(fresh_service: Site, visit: V
         fresh_service.api.http.put(f"/v1/axes/{axis}", json={"name": axis, "configuration": configuration})
         measure(fresh_service.api, axis, range(20, 21))
     page = visit(fresh_service.url, "/system", script=False)
+    unfold(page)
     expect(page.locator("#refusals").get_by_role("row", name="another sample rate")).to_contain_text("8")
 
 
@@ -77,6 +80,7 @@ def test_a_failed_job_says_its_sentence(fresh_service: Site, visit: Visit) -> No
     database.close()
     page = visit(fresh_service.url, "/system")
     expect(page.locator("#jobs tbody tr")).to_contain_text(f"failed: {error}")
+    unfold(page)
     press(page, "Model compared with measurements")
     expect(page.locator("#job-status")).to_contain_text(error)
     assert not violations(page)
@@ -85,6 +89,7 @@ def test_a_failed_job_says_its_sentence(fresh_service: Site, visit: Visit) -> No
 def test_the_log_says_who_changed_what_page_by_page(fresh_service: Site, visit: Visit) -> None:
     fresh_service.api.http.post("/v1/axes/normal/archive").raise_for_status()
     page = visit(fresh_service.url, "/system")
+    unfold(page)
     newest = page.locator("#log tbody tr").first
     for words in ("anyone on this machine", "POST /v1/axes/{axis}/archive", "/v1/axes/normal/archive", "200"):
         expect(newest).to_contain_text(words)

@@ -6,13 +6,17 @@ from datetime import timedelta
 
 import httpx
 import numpy as np
+import pytest
 
 from monitor_core.recordings import open_session
 from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
 from service.cli.remote.client import Client
 from service.cli.remote.server import embedded_service
+from service.operations.monitoring.history import History
+from service.operations.monitoring.long_run import spectra_of
 from service.settings import BUNDLED_SESSIONS, Settings
-from tests.service.conftest import START, running_service, simulated_measurement
+from service.store.database import Database
+from tests.service.conftest import START, axial_frequency, running_service, simulated_measurement
 
 
 def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> None:
@@ -104,3 +108,29 @@ def test_preloads_set_on_purpose_are_no_history(tmp_path) -> None:
     assert sorted(set(re.findall(r'measurements/(\d+)" tabindex', page))) == ["4", "5"]
     (course,) = re.findall(r'class="spark" d="([^"]*)"|d="([^"]*)" class="spark"', fleet)
     assert len(re.findall(r"[\d.]+ [\d.]+", "".join(course))) == 2
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_the_mode_over_time_is_that_at_one_position(tmp_path, calibrated: bool) -> None:
+    rng, places = np.random.default_rng(8), (400.0, 600.0, 450.0, 550.0, 500.0, 420.0, 580.0, 480.0, 520.0, 500.0)
+    preloads = (*(len(places) - 3) * (300.0,), 250.0, 200.0, 150.0)
+    with running_service(tmp_path) as api:
+        api.register("axis", windows_per_measurement=4)
+        if calibrated:
+            api.calibrate("axis")
+        for number, (place, preload) in enumerate(zip(places, preloads, strict=True)):
+            at = START + timedelta(days=number)
+            of_day = {"preload": preload, "position_mm": place, "n_windows": 4, "started_at": at}
+            api.accept("axis", simulated_measurement(rng, f"m{number}", **of_day))
+        database = Database(f"sqlite:///{tmp_path / 'preload.db'}")
+        spectra = spectra_of(database, "axis", History(database).of("axis").healthy)
+        page = api.http.get("/axes/axis/long-run").text
+    expected = [axial_frequency(preload, 0.5) for preload in preloads[::-1]]
+    raw = np.array([spectrum.point.frequency_hz for spectrum in spectra])
+    assert np.ptp(raw[3:]) > 4.0
+    # without a calibration the law of the position is learnt from seven measurements
+    assert [spectrum.mode for spectrum in spectra] == pytest.approx(expected, abs=0.15 if calibrated else 1.5)
+    for spectrum in spectra:  # the response goes with its mode
+        peak = spectrum.frequency[np.nanargmax(spectrum.magnitude)]
+        assert peak == pytest.approx(spectrum.mode, abs=1.0)
+    assert len(re.findall("[ML]", re.findall(r'<path d="([^"]*)" class="mode"', page)[0])) == len(places)

@@ -1,6 +1,7 @@
 """Answer what an axis did over a long time: its responses and its sisters."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -9,9 +10,13 @@ import numpy as np
 from pydantic import BaseModel, TypeAdapter
 
 from monitor_core.arrays import FloatArray
+from monitor_core.recording import Conditions
+from monitor_core.recordings.elements.units import metres
 from service.operations.monitoring.axis_configuration import sisters_of
 from service.operations.monitoring.extremes import extremes
+from service.operations.monitoring.history import HealthyFrequency
 from service.store import axes, measurements
+from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
 from service.store.trend.points import Span
 from service.store.trend.shown import ShownPoint
@@ -37,9 +42,10 @@ _RESPONSE: Final = TypeAdapter(_Response)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """The size of the response of one measurement; shape (n_frequencies,)."""
+    """The size of the response of one measurement; shape (n_frequencies,). As if it had been at the usual position."""
 
     point: ShownPoint
+    mode: float  # [Hz]
     frequency: FloatArray  # [Hz]
     magnitude: FloatArray  # in the unit of the response
 
@@ -54,19 +60,33 @@ class Sister:
     points: list[ShownPoint]
 
 
-def spectra_of(database: Database, axis_id: str) -> list[Spectrum]:
+def spectra_of(database: Database, axis_id: str, healthy: HealthyFrequency | None) -> list[Spectrum]:
     """Return responses over the time, newest first: of each stretch the one measured nearest to one position.
 
-    The position is the usual one, and those under a payload are left out if there are others: both move the mode.
+    The position is the usual one, and those under a payload are left out if there are others. What is left of the
+    position is taken off by the calibration in force, or by what is known of the ``healthy`` axis without one.
     """
     with database.read() as session:
-        number = axes.get_axis(session, axis_id).number
-        points = extremes(session.connection(), number, Span(), _CHOSEN_FROM)
-        measured = [point for point in points if point.frequency_hz is not None and point.set_preload_n is None]
+        row, connection = axes.get_axis(session, axis_id), session.connection()
+        points = extremes(connection, row.number, Span(), _CHOSEN_FROM, monitored=True)
+        measured = [point for point in points if point.frequency_hz is not None]
         bare = [point for point in measured if not point.payload_kg]
-        chosen = _alike((bare if len(bare) > 1 else measured)[::-1])
+        chosen, usual = _alike((bare if len(bare) > 1 else measured)[::-1])
+        calibration = CalibrationsInForce().numbered(connection, axis_id, row.active_calibration_id)
         stored = measurements.responses_of(session, [point.measurement_id for point in chosen])
-    return [_spectrum(point, stored[point.measurement_id]) for point in chosen if point.measurement_id in stored]
+
+    def of_place(position: float) -> float:
+        """Return what 1/f² changes by with the position [s²]."""
+        if calibration is not None:
+            return (calibration.coefficients.k1 * position + calibration.coefficients.k2) * position
+        return 0.0 if healthy is None else healthy.law.shift(Conditions(position))
+
+    def corrected(point: ShownPoint, document: object) -> Spectrum:
+        mode = point.frequency_hz or math.nan
+        at_usual = (mode**-2 - of_place(metres(point.position_mm)) + of_place(metres(usual))) ** -0.5
+        return _spectrum(point, document, at_usual, at_usual / mode)
+
+    return [corrected(point, stored[point.measurement_id]) for point in chosen if point.measurement_id in stored]
 
 
 def sisters_with_trend(database: Database, axis_id: str) -> list[Sister]:
@@ -81,17 +101,18 @@ def sisters_with_trend(database: Database, axis_id: str) -> list[Sister]:
         ]
 
 
-def _alike(points: Sequence[ShownPoint]) -> list[ShownPoint]:
+def _alike(points: Sequence[ShownPoint]) -> tuple[list[ShownPoint], float]:
+    """Return of each stretch the measurement nearest to the usual position, and that [mm]."""
     if not points:
-        return []
+        return [], math.nan
     usual = float(np.median([point.position_mm for point in points]))
     edges = np.linspace(0, len(points), min(MOST_SPECTRA, len(points)) + 1).astype(int)
     stretches = [points[begin:end] for begin, end in itertools.pairwise(edges)]
-    return [min(stretch, key=lambda point: abs(point.position_mm - usual)) for stretch in stretches]
+    return [min(stretch, key=lambda point: abs(point.position_mm - usual)) for stretch in stretches], usual
 
 
-def _spectrum(point: ShownPoint, document: object) -> Spectrum:
+def _spectrum(point: ShownPoint, document: object, mode: float, stretched: float) -> Spectrum:
     response = _RESPONSE.validate_python(document)
     real = np.array(response.real, dtype=np.float64)
     imaginary = np.array(response.imaginary, dtype=np.float64)
-    return Spectrum(point, np.array(response.frequency_hz), np.hypot(real, imaginary))
+    return Spectrum(point, mode, stretched * np.array(response.frequency_hz), np.hypot(real, imaginary))
