@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import MISSING, fields
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +20,8 @@ import pytest
 
 import monitor_core
 from monitor_core import recordings
+from monitor_core.models.families import FAMILIES
+from monitor_core.models.parameters import PARAMETERS, name_in_file
 from monitor_core.recording import RejectionReason
 from monitor_core.trend import TrendStatus
 from service.api.http.problems import TYPE_PREFIX
@@ -206,6 +209,16 @@ def test_every_item_of_an_axis_configuration_is_listed_with_its_default():
 def test_every_reason_and_every_state_has_a_row():
     assert set(RejectionReason) <= first_cells(text_of("how-to/refusals.md"))
     assert set(TrendStatus) <= first_cells(text_of("how-to/alarms.md"))
+
+
+def test_every_parameter_of_every_family_is_listed():
+    of_family = [{field.name: field.default is MISSING for field in fields(family.parameters)} for family in FAMILIES]
+    says = {None: "", True: "needed", False: "may be"}
+    for word in PARAMETERS:
+        cells = [says[needed.get(word.name)] for needed in of_family]
+        if any(cells):
+            row = " | ".join([f"| `{name_in_file(word.name)}`", word.meaning, *cells]) + " |"
+            assert row in text_of("reference/recordings.md")
 
 
 def test_every_metric_is_listed():
