@@ -45,7 +45,7 @@ PARAMETERS: tuple[ParameterName, ...] = (
     ParameterName("bearing_stiffness", "n_per_m", "N/m", "fixed bearing, axial"),
     ParameterName("far_bearing_stiffness", "n_per_m", "N/m", "far bearing, axial; 0: it carries no axial load"),
     ParameterName("bracket_stiffness", "n_per_m", "N/m", "between nut and table; infinite where not stated"),
-    ParameterName("nut_stiffness", "n_per_m", "N/m", "rigidity of the nut; with a dynamic load rating the catalogue's K"),
+    ParameterName("nut_stiffness", "n_per_m", "N/m", "nut rigidity; with a dynamic load rating the catalogue's K"),
     ParameterName("dynamic_load_rating", "n", "N", "C_d; makes the nut rigidity follow the preload"),
     ParameterName("coupling_stiffness", "nm_per_rad", "N·m/rad", "coupling, torsional"),
     ParameterName("loss_factor", "", "-", "energy loss factor of the joints' springs"),
@@ -57,7 +57,7 @@ PARAMETERS: tuple[ParameterName, ...] = (
     ParameterName("motor_damping", "nms_per_rad", "N·m·s/rad", "rotor, viscous, to ground"),
     ParameterName("screw_nut_segment_mass", "kg", "kg", "rigid piece of the screw inside the nut"),
     ParameterName("screw_nut_segment_inertia", "kg_m2", "kg·m²", "of that piece"),
-    ParameterName("screw_motor_segment_inertia", "kg_m2", "kg·m²", "rigid piece of the screw on its side of the coupling"),
+    ParameterName("screw_motor_segment_inertia", "kg_m2", "kg·m²", "rigid piece of the screw before the coupling"),
     ParameterName("moving_mass", "kg", "kg", "of a rigid axis, with what its rotating parts add"),
     ParameterName("viscous_friction", "ns_per_m", "N·s/m", "of a rigid axis, guides and screw together"),
 )
