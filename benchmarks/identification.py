@@ -14,7 +14,7 @@ from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.residuals.lines import ResidualForm, response_problem
 from monitor_core.fitting.residuals.peaks import PeakProblem, Weighting, peak_problem
-from monitor_core.fitting.solver.global_search import SearchSettings, StartOrigin, search
+from monitor_core.fitting.solver.global_search import SearchSettings, search
 from monitor_core.fitting.solver.least_squares import LocalFit, fit_local
 from monitor_core.identification.identifiability import assess
 from monitor_core.models.protocol import DriveConditions
@@ -25,7 +25,6 @@ JOINTS = tian.free(tian.axis())
 BOUNDS = JOINTS.bounds(tian.LIMITS)
 TRUTH = JOINTS.start
 HELD_OUT = ("l2", "l4", "l6")
-FEW_STARTS = SearchSettings(n_populations=2, n_random_starts=4)
 #: Lines of the paper's windows [Hz] if a peak is read by a parabola through log|H|.
 LINES = {1: 0.25, 2: 0.5, 3: 1.0, 4: 1.0}
 
@@ -64,8 +63,7 @@ def from_published_peaks() -> None:
         ("l5 alone", ("l5",), Weighting.UNCERTAINTY),
     ):
         start, problem = time.process_time(), published(*trained, weighting=weighting)
-        settings = SearchSettings() if trained == all_three else FEW_STARTS
-        found = search(problem, BOUNDS, 1, settings)
+        found = search(problem, BOUNDS, 1)
         report(name, found.best, trained, time.process_time() - start, found.agreement())
         if name == "three, weighted":
             best = found.best
@@ -202,8 +200,8 @@ def agreement_of_starts(observations: tuple, starts: int, rng: np.random.Generat
             seconds = (time.process_time() - began) / starts
             print(f"random starts over {name}, {form.value}: {reached / starts:.0%} of {starts}, {seconds:.2f} s each")
     logarithmic = replace(problem, form=ResidualForm.LOGARITHMIC)
-    found = search(logarithmic, wide(2.0), 1, SearchSettings(n_populations=0, n_random_starts=30))
-    print(f"search's own random starts agree: {found.agreement(StartOrigin.RANDOM):.0%} of 30")
+    found = search(logarithmic, wide(2.0), 1, SearchSettings(n_starts=30))
+    print(f"search's own starts agree: {found.agreement():.0%} of 30")
 
 
 def same_optimum(problem: object, searched: object, bounds: Bounds, start: np.ndarray, best: LocalFit) -> bool:

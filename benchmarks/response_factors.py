@@ -30,7 +30,7 @@ SEEDS = range(1, 41)
 NOISE = 0.02  # of each line, rms over |H|
 #: Standard deviations of ln of the true joints about what the model states.
 SPREAD, SPREAD_OF_DAMPERS = 0.25, 0.4
-SEARCH = SearchSettings(n_populations=1, candidates_per_coordinate=8, n_generations=40, n_random_starts=2)
+SEARCH = SearchSettings(64, 3)
 
 Machine = tuple[FreeParameters, tuple[FrequencyResponseObservation, ...], np.ndarray]
 

@@ -10,12 +10,14 @@ import scipy
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.solver.global_search import MapFunction, Search, SearchCancelledError, SearchSettings, search
-from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, fit_local
+from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, Patience, fit_local
 from monitor_core.identification.cases import Case, PredictionError, positions_of, require_positions
 from monitor_core.identification.identifiability import Identifiability, Verdict, assess
 
 #: Below this probability the residuals are larger than the stated uncertainties allow, and their scatter is used.
 LACK_OF_FIT = 1e-3
+#: Fits that are compared with the answer, or predict from it, need fewer digits than the answer.
+_NEARLY = Patience(500, flat=1e-7)
 #: Scatter and fit depend on each other where there are priors; after so many rounds neither changes any more.
 _ROUNDS_OF_SCALE = 5
 
@@ -78,7 +80,7 @@ def fit_joints(
         bounds,
         settings.seed,
         settings.search,
-        fit_settings,
+        replace(fit_settings, patience=_NEARLY),
         map_function=map_function,
         progress=steps.of_search,
         cancelled=cancelled,
@@ -101,7 +103,7 @@ def fit_joints(
     if hold_out:
         held_out = case.prediction_errors(fit.coordinates.values, hold_out)
     else:
-        held_out, cannot = _leave_one_out(case, bounds, fit, fit_settings, steps)
+        held_out, cannot = _leave_one_out(case, bounds, fit, replace(fit_settings, patience=_NEARLY), steps)
     steps.finish()
     return JointFit(fit, searched, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out, cannot)
 

@@ -10,11 +10,11 @@ import scipy
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
 from monitor_core.fitting.problem import Bounds, Problem
-from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, fit_local
+from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, Patience, fit_local
 from monitor_core.uncertainty import Interval, IntervalKind
 
 #: Refits of the other coordinates need no more digits than the ends of an interval.
-_REFIT = FitSettings(uncertainties_stated=True, max_evaluations=200, tolerance=1e-8)
+_REFIT = FitSettings(patience=Patience(200, flat=1e-6))
 _WIDENINGS = 20
 #: How finely the way to a bound is looked through before an end is called open: from a 64th of it on.
 _HALVINGS = 6

@@ -13,9 +13,9 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver import hypothesis_fit
-from monitor_core.fitting.solver.hypothesis_fit import fit
+from monitor_core.fitting.solver.hypothesis_fit import GivenUpError, Pace, fit
+from monitor_core.fitting.solver.least_squares import Patience
 from monitor_core.fitting.solver.linearised import linearise
-from monitor_core.fitting.solver.steps import GivenUpError, Pace, Patience
 from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import (
     AXIS,

@@ -10,10 +10,10 @@ import pytest
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, fit_local
+from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, Patience, fit_local
 from tests.fitting.strd import MODELS, agreed_digits, certified, regression
 
-SCATTER = FitSettings(uncertainties_stated=False, max_evaluations=5000)
+SCATTER = FitSettings(uncertainties_stated=False, patience=Patience(5000, flat=1e-16))
 
 
 def everywhere(n: int) -> Bounds:
@@ -174,7 +174,7 @@ def test_a_step_to_where_the_model_has_no_answer_is_shortened(how: str) -> None:
 
 def test_a_fit_that_was_cut_short_says_so() -> None:
     expected = certified("MGH10")
-    short = FitSettings(uncertainties_stated=False, max_evaluations=5)
+    short = FitSettings(uncertainties_stated=False, patience=Patience(5, flat=1e-16))
     fit = fit_local(regression("MGH10"), everywhere(3), expected.starts[0], short)
     assert not fit.converged
     assert fit.chi_squared > 2.0 * expected.residual_sum_of_squares

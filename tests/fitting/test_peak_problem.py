@@ -38,7 +38,7 @@ def held_out_errors(coordinates):
 
 @pytest.fixture(scope="module")
 def weighted():
-    settings = SearchSettings(n_populations=2, candidates_per_coordinate=8, n_generations=40, n_random_starts=4)
+    settings = SearchSettings()
     return search(published("l1", "l3", "l5"), BOUNDS, 1, settings)
 
 
@@ -84,7 +84,7 @@ def test_what_the_peaks_do_not_determine(weighted):
 @pytest.mark.release
 def test_equation_26_lets_the_amplitudes_decide(weighted):
     unit = published("l1", "l3", "l5", weighting=Weighting.UNIT)
-    found = search(unit, BOUNDS, 1, SearchSettings(n_populations=1, n_generations=50, n_random_starts=6)).best
+    found = search(unit, BOUNDS, 1, SearchSettings()).best
     assert 4.8 < max(held_out_errors(found.coordinates.values).values()) < 5.9
     assert paper_objective(unit, found.coordinates.values) < paper_objective(unit, weighted.best.coordinates.values)
 
@@ -92,7 +92,7 @@ def test_equation_26_lets_the_amplitudes_decide(weighted):
 @pytest.mark.release
 @pytest.mark.parametrize("position", ["l3", "l5"])
 def test_one_position_predicts_the_others_badly(position):
-    settings = SearchSettings(n_populations=2, candidates_per_coordinate=8, n_generations=50, n_random_starts=0)
+    settings = SearchSettings()
     found = search(published(position), BOUNDS, 1, settings).best
     assert 8.0 < max(held_out_errors(found.coordinates.values).values()) < 11.5
 

@@ -63,9 +63,7 @@ def test_residuals_are_as_large_as_the_noise(fits):
 @pytest.mark.release
 def test_wide_random_starts_agree(exact):
     problem = response_problem(JOINTS, simulated.noisy(exact, np.random.default_rng(1)))
-    found = search(
-        replace(problem, form=ResidualForm.LOGARITHMIC), WIDE, 1, SearchSettings(n_populations=0, n_random_starts=20)
-    )
+    found = search(replace(problem, form=ResidualForm.LOGARITHMIC), WIDE, 1, SearchSettings(n_starts=20))
     assert found.agreement() >= 0.7
     final = fit_local(problem, WIDE, found.best.coordinates.values)
     assert final.converged

@@ -28,8 +28,8 @@ JOINTS = tian.free(AXIS)
 BOUNDS = JOINTS.bounds(tian.LIMITS)
 EVERYWHERE = tian.measured(*tian.POSITIONS)
 HELD_OUT = (0.8, 1.3, 1.9)
-FEW_STARTS = SearchSettings(n_populations=2, candidates_per_coordinate=8, n_generations=20, n_random_starts=2)
-ONE_START = SearchSettings(n_populations=0, n_random_starts=1)
+FEW_STARTS = SearchSettings(64, 4)
+ONE_START = SearchSettings(1, 1)
 #: 170 lines from 8 to 1000 Hz and noise of 5 % of |H|: a short hammer test.
 LINES = np.concatenate([np.linspace(8, 60, 30), np.linspace(61, 200, 40), np.linspace(202, 1000, 100)])
 MESHES = {0.6: (120, 400), 1.0: (200, 320), 1.6: (320, 200)}
@@ -166,7 +166,7 @@ def test_equation_26_pays_with_its_frequencies(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
     case = peak_case(JOINTS, EVERYWHERE, weighting=Weighting.UNIT)
-    settings = SearchSettings(n_populations=1, candidates_per_coordinate=10, n_generations=50, n_random_starts=6)
+    settings = SearchSettings(n_starts=7)
     found = fit_joints(case, BOUNDS, JointFitSettings(search=settings, uncertainties_stated=False), hold_out=HELD_OUT)
     worst = found.worst_held_out
     assert worst is not None
@@ -193,7 +193,7 @@ def test_position_that_was_not_measured_cannot_be_held_out() -> None:
 def test_mode_that_nobody_measured_was_taken_for_the_one_above_it() -> None:
     # without order 3 the band of order 4 once reached down to it, and its higher peak made a nut of 2.4e8 N/m
     two = tian.free(AXIS, "bearing_stiffness", "nut_stiffness")
-    settings = JointFitSettings(search=replace(ONE_START, n_random_starts=4), uncertainties_stated=False)
+    settings = JointFitSettings(search=SearchSettings(4, 4), uncertainties_stated=False)
     with_third, without = (
         fit_joints(peak_case(two, peaks), two.bounds(tian.LIMITS), settings, hold_out=HELD_OUT)
         for peaks in (EVERYWHERE, [observation for observation in EVERYWHERE if observation.order != 3])
@@ -217,7 +217,7 @@ def test_joints_that_all_end_at_a_limit_are_refused() -> None:
         fit_joints(
             peak_case(few, EVERYWHERE),
             too_stiff,
-            JointFitSettings(search=replace(FEW_STARTS, n_populations=0), uncertainties_stated=False),
+            JointFitSettings(search=SearchSettings(2, 2), uncertainties_stated=False),
             hold_out=HELD_OUT,
         )
 
@@ -229,7 +229,7 @@ def test_joints_a_rounding_short_of_their_limits_were_not_said_to_be_there() -> 
         fit_joints(
             peak_case(few, EVERYWHERE),
             too_soft,
-            JointFitSettings(search=replace(FEW_STARTS, n_populations=0), uncertainties_stated=False),
+            JointFitSettings(search=SearchSettings(2, 2), uncertainties_stated=False),
             hold_out=HELD_OUT,
         )
 
@@ -257,7 +257,7 @@ def test_progress_never_falls_and_ends_at_its_total(
 @pytest.mark.parametrize("hold_out", [(), LINE_X[:3]])
 def test_cancelled_at_any_step_it_raises(hold_out: tuple[float, ...]) -> None:
     case = line(np.random.default_rng(1))
-    settings = JointFitSettings(search=replace(ONE_START, n_random_starts=3))
+    settings = JointFitSettings(search=SearchSettings(3, 3))
     asked = 0
 
     def count() -> bool:
@@ -291,7 +291,7 @@ def numbers(found: JointFit) -> list[object]:
 def test_same_seed_same_answer_with_any_number_of_workers() -> None:
     joints = tian.free(AXIS, "bearing_stiffness", "nut_stiffness", "coupling_stiffness")
     case, bounds = peak_case(joints, EVERYWHERE), joints.bounds(tian.LIMITS)
-    few = SearchSettings(n_populations=1, candidates_per_coordinate=5, n_generations=6, n_random_starts=2)
+    few = SearchSettings(16, 3)
     settings = JointFitSettings(4, few, uncertainties_stated=False)
     alone = numbers(fit_joints(case, bounds, settings))
     assert numbers(fit_joints(case, bounds, settings)) == alone
@@ -311,7 +311,7 @@ def responses() -> tuple[FrequencyResponseObservation, ...]:
 
 @pytest.fixture(scope="module")
 def from_responses(responses: tuple[FrequencyResponseObservation, ...]) -> JointFit:
-    settings = JointFitSettings(search=replace(FEW_STARTS, n_populations=1, n_random_starts=2))
+    settings = JointFitSettings(search=SearchSettings(64, 3))
     return fit_joints(ResponseCase(JOINTS, responses), BOUNDS, settings)
 
 
@@ -338,7 +338,7 @@ def test_held_out_responses_are_off_by_their_noise(from_responses: JointFit) -> 
 @pytest.mark.release
 def test_error_of_the_model_is_told_from_noise(responses: tuple[FrequencyResponseObservation, ...]) -> None:
     heavy = tian.free(replace(AXIS, table_mass=1.05 * AXIS.table_mass))
-    start = JointFitSettings(search=replace(FEW_STARTS, n_populations=1, n_random_starts=2))
+    start = JointFitSettings(search=SearchSettings(64, 3))
     found = fit_joints(ResponseCase(heavy, responses), BOUNDS, start, hold_out=(1.0,))
     assert found.lack_of_fit
     assert not found.fit.uncertainties_stated
@@ -352,7 +352,7 @@ def test_prior_of_one_joint_sharpens_its_partner(responses: tuple[FrequencyRespo
     two = tian.free(AXIS, "bearing_stiffness", "far_bearing_stiffness")
     bounds = two.bounds(tian.LIMITS)
     priors = replace(two, uncertain={"bearing_stiffness_n_per_m": 1e-3}).priors
-    settings = JointFitSettings(search=replace(ONE_START, n_random_starts=3))
+    settings = JointFitSettings(search=SearchSettings(3, 3))
     free = fit_joints(ResponseCase(two, responses), bounds, settings).fit
     held = fit_joints(ResponseCase(two, responses, priors), bounds, settings).fit
     information = free.jacobian.T @ free.jacobian
@@ -411,7 +411,7 @@ def test_wrong_reading_of_a_peak_is_worst_where_it_stands() -> None:
         here = find_peaks(peak_grid(AXIS, [Place(place, tian.BANDS[mode]) for mode in (2, 4)]), AXIS.joints(place))
         readings = [f * (1.02 if x == 1.4 and f > 500.0 else 1.0) for f in here.frequency.tolist()]
         peaks += [ModalObservation(place, reading) for reading in readings]
-    settings = JointFitSettings(search=replace(ONE_START, n_random_starts=3), uncertainties_stated=False)
+    settings = JointFitSettings(search=SearchSettings(3, 3), uncertainties_stated=False)
     case = peak_case(few, peaks, bands={2: Band(85.0, 160.0), 4: Band(650.0, 860.0)})
     worst = fit_joints(case, few.bounds(tian.LIMITS), settings).worst_held_out
     assert worst is not None

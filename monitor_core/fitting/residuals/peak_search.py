@@ -25,12 +25,10 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance.closed_form import (
-    EntireResponses,
     LinearTerm,
     PositionTerms,
-    entire_responses,
     position_terms,
-    table_receptance,
+    table_fraction,
     table_receptance_gradient,
 )
 from monitor_core.models.published.receptance.parameters import JointParameters, ReceptanceParameters
@@ -185,8 +183,8 @@ def relative_amplitude_uncertainty(observation: ModalObservation) -> float:
     return observation.amplitude_uncertainty / observation.amplitude
 
 
-#: Newton steps for the top: |G|² is nearly a parabola.
-_NEWTON_STEPS = 5
+#: Newton steps for the top, of which none is left after one this short, in spacings: |G|² is nearly a parabola.
+_NEWTON_STEPS, _SETTLED = 5, 1e-9
 #: Where between its neighbours a top is sought first: a mode near its node has a zero of H beside its pole.
 _STARTS = np.linspace(-1.0, 1.0, 9)[:, None]
 _START_SPACING = 0.25
@@ -224,10 +222,10 @@ class _Summit:
 
 def find_peaks(grid: PeakGrid, joints: JointParameters) -> Peaks:
     """Find the peak of each place."""
-    found, top = _tops(grid, table_receptance(grid.terms, joints))
+    numerator, denominator = table_fraction(grid.terms, joints)
+    found, top = _tops(grid, numerator / denominator)
     lines = _around(top[found])
-    summit = _climb(entire_responses(lines_taken(grid.terms, lines.ravel()), joints), lines.shape)
-    return _peaks(grid, found, top, summit)
+    return _peaks(grid, found, top, _climb(numerator[lines], denominator[lines]))
 
 
 def find_peaks_with_gradient(grid: PeakGrid, joints: JointParameters) -> PeakGradient:
@@ -243,13 +241,12 @@ def find_peaks_with_gradient(grid: PeakGrid, joints: JointParameters) -> PeakGra
     the latter because |G| does not change with t there. :math:`E_p = \Delta^2\,\partial H/\partial p` has no poles
     either and gives :math:`G_p = -E_p/N^2`.
     """
-    found, top = _tops(grid, table_receptance(grid.terms, joints))
+    numerators, denominator = table_fraction(grid.terms, joints)
+    found, top = _tops(grid, numerators / denominator)
     lines = _around(top[found])
-    terms = lines_taken(grid.terms, lines.ravel())
-    responses = entire_responses(terms, joints)
-    summit = _climb(responses, lines.shape)
-    _, gradient = table_receptance_gradient(terms, joints)
-    entire = (gradient * responses.denominator**2).reshape(8, *lines.shape)
+    summit = _climb(numerators[lines], denominator[lines])
+    _, gradient = table_receptance_gradient(lines_taken(grid.terms, lines.ravel()), joints)
+    entire = gradient.reshape(8, *lines.shape) * denominator[lines] ** 2
     e_p, e_slope, _ = _along(_parabola(np.moveaxis(entire, 1, 0)), summit.offset)
 
     g, slope, numerator = summit.g, summit.slope, summit.numerator
@@ -295,25 +292,25 @@ def _along(curve: ComplexArray, t: FloatArray) -> tuple[ComplexArray, ComplexArr
     return curve[0] + t * (curve[1] + t * curve[2]), curve[1] + 2.0 * t * curve[2], 2.0 * curve[2]
 
 
-def _climb(responses: EntireResponses, shape: tuple[int, ...]) -> _Summit:
+def _climb(numerator: ComplexArray, denominator: ComplexArray) -> _Summit:
     """Find the smallest |G|² between the lines, shape (3, n_found), by Newton's method."""
-    above = _parabola(responses.table_per_force.reshape(shape))
-    below = _parabola(responses.denominator.reshape(shape))
+    above, below = _parabola(numerator), _parabola(denominator)
     tried = np.abs(_along(below, _STARTS)[0] / _along(above, _STARTS)[0])
     start = _STARTS[tried.argmin(axis=0), 0]
-    t = start
+    t, moved = start, np.ones_like(start)
     for step in range(_NEWTON_STEPS + 1):
         n, n_slope, n_bend = _along(above, t)
         d, d_slope, d_bend = _along(below, t)
         g = d / n
         slope = (d_slope - g * n_slope) / n
         bend = (d_bend - 2.0 * slope * n_slope - g * n_bend) / n
-        if step == _NEWTON_STEPS:
+        if step == _NEWTON_STEPS or np.max(np.abs(moved), initial=0.0) < _SETTLED:
             break
         gradient = (np.conj(g) * slope).real
         curvature = np.abs(slope) ** 2 + (np.conj(g) * bend).real
         move = np.divide(gradient, curvature, out=np.zeros_like(t), where=curvature > 0.0)
-        t = np.clip(t - move, start - _START_SPACING, start + _START_SPACING)
+        before, t = t, np.clip(t - move, start - _START_SPACING, start + _START_SPACING)
+        moved = t - before
     return _Summit(t, g, slope, bend, n, n_slope)
 
 

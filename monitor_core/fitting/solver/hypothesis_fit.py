@@ -13,7 +13,7 @@ that are likely at the coordinates of each step.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Generic
 
 import numpy as np
@@ -25,8 +25,8 @@ from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.problem import prior_jacobian, prior_residuals
 from monitor_core.fitting.solver.derivatives import one_sided_derivative, residual_jacobian
+from monitor_core.fitting.solver.least_squares import Patience, minimum
 from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors, resolved_at_errors
-from monitor_core.fitting.solver.steps import GivenUpError, Pace, Patience, nearest_minimum, remembered
 
 #: χ² per value that the tolerance is chosen for, and below which none is needed.
 _TEMPERED = 4.0
@@ -34,9 +34,11 @@ _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
 _SAME_MISFIT = 0.02  # standard deviations, rms: by which a misfit may differ once the data are resolved anew
-_TO_MINIMUM = Patience(60, flat=1e-5)
+#: Residuals are linearised anew at each step: so small a fall is foretold for nothing, relatively.
+_FOR_NOTHING = 1e-3
+_TO_MINIMUM = Patience(60, flat=1e-5, for_nothing=_FOR_NOTHING)
 #: A stage need not end at its minimum; a fall of χ² that would hardly let the tolerance shrink is not waited for.
-_OF_A_STAGE = Patience(8, flat=5e-4, damping=1.0)
+_OF_A_STAGE = Patience(8, flat=5e-4, for_nothing=_FOR_NOTHING)
 #: A step of a fit without some of its values: of singular values, what is unseen; of the squares of residuals, by how
 #: much those after it may differ from what its slope says.
 _UNSEEN, _NEARLY_LINEAR = 1e-10, 0.01
@@ -191,7 +193,7 @@ def fit(
         resolved = resolved_at_errors(comparison, hypothesis, sought, coordinates)
         likely_at = partial(linearise_at_likely_errors, resolved, hypothesis, sought, deviation)
         here = likely_at(coordinates)
-        return remembered(partial(likely_at, estimated_by=here.whitened_by), coordinates, here)
+        return _remembered(partial(likely_at, estimated_by=here.whitened_by), coordinates, here)
 
     for _ in range(_MOST_STAGES):
         before = tolerance
@@ -201,14 +203,14 @@ def fit(
             break
         tempered = likely(np.hypot(layout.standard_deviation, tolerance))
         stage = Pace(_OF_A_STAGE)
-        coordinates = nearest_minimum(tempered, hypothesis, coordinates, chosen, stage)
+        coordinates = _nearest_minimum(tempered, hypothesis, coordinates, chosen, stage)
         sought = tempered(coordinates).errors
     around = linearise_at_likely_errors(comparison, hypothesis, sought, layout.standard_deviation, coordinates)
     for _ in range(_MOST_ROUNDS if not tolerance and hypothesis.n_coordinates else 0):
         sought = around.errors
         along = likely(layout.standard_deviation)
         try:
-            coordinates = nearest_minimum(along, hypothesis, coordinates, chosen, Pace(_TO_MINIMUM, to_beat))
+            coordinates = _nearest_minimum(along, hypothesis, coordinates, chosen, Pace(_TO_MINIMUM, to_beat))
         except GivenUpError as creeping:
             coordinates, given_up = creeping.coordinates, True
         # resolved here, at the errors that are likely now
@@ -260,3 +262,101 @@ def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> 
         middle = 0.5 * (low + high)
         low, high = (middle, high) if np.mean(square / (variance + middle**2)) > _TEMPERED else (low, middle)
     return high
+
+
+_PATIENCE, _FASTER = 10, 3.0  # steps before a search may be given up, and how much faster than now it might yet become
+#: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
+_LARGEST_RESIDUAL = 1e6
+
+
+class GivenUpError(Exception):
+    """A search is no longer worth it."""
+
+    def __init__(self, coordinates: FloatArray) -> None:
+        super().__init__("the search creeps towards a minimum that is no better than another one")
+        self.coordinates = coordinates  # the best so far
+
+
+class Pace:
+    """Watch the costs that a search comes by, and leave it where it creeps and cannot beat a cost any more."""
+
+    def __init__(self, patience: Patience, to_beat: float = math.inf) -> None:
+        self.patience = patience
+        self._left = patience.most_evaluations
+        self._to_beat = to_beat
+        self._best: list[float] = []  # costs, each lower than the one before
+        self._at = np.zeros(0)
+
+    def require(self, cost: Callable[[], float], coordinates: FloatArray) -> None:
+        """Take the next cost down; raises GivenUpError."""
+        if math.isinf(self._to_beat):
+            return
+        self._left -= 1
+        here = cost()
+        if not self._best or here < self._best[-1]:
+            self._best.append(here)
+            self._at = coordinates.copy()
+        if len(self._best) > _PATIENCE:
+            step = (self._best[-1 - _PATIENCE // 2] - self._best[-1]) / (_PATIENCE // 2)
+            if self._best[-1] - _FASTER * step * self._left > self._to_beat:
+                raise GivenUpError(self._at)
+
+
+def _remembered(
+    around: Callable[[FloatArray], Linearised[Physics]], start: FloatArray, at_start: Linearised[Physics]
+) -> Callable[[FloatArray], Linearised[Physics]]:
+    """Return the same, computed once where a search has taken its last step, or one that was too long."""
+    of_start = start.tobytes()
+    linearised_at = lru_cache(maxsize=2)(lambda key: at_start if key == of_start else around(np.frombuffer(key)))
+    return lambda coordinates: linearised_at(coordinates.tobytes())
+
+
+class _Steps(Generic[Physics]):
+    """Residuals and their derivatives along a search, linearised anew at each step."""
+
+    def __init__(
+        self,
+        around: Callable[[FloatArray], Linearised[Physics]],
+        hypothesis: Hypothesis[Physics],
+        chosen: BoolArray,
+        pace: Pace,
+    ) -> None:
+        self._around, self._hypothesis, self._chosen, self._pace = around, hypothesis, chosen, pace
+        self._of_prior = prior_jacobian(hypothesis.priors)
+
+    def residuals(self, coordinates: FloatArray) -> FloatArray:
+        """Return the residuals of the chosen values and the priors, infinite where the search must not go."""
+        nowhere = np.full(np.count_nonzero(self._chosen) + len(self._of_prior), np.inf)
+        try:
+            around = self._around(coordinates)
+        except OutsideValidityError:
+            return nowhere  # the search shortens its step
+        whitened = around.whitened_by(around.here)[self._chosen]
+        if not np.max(np.abs(whitened)) < _LARGEST_RESIDUAL:
+            return nowhere
+        values = np.concatenate([whitened, prior_residuals(self._hypothesis.priors, coordinates)])
+        square = float(values @ values)
+        self._pace.require(lambda: square + around.whitened_by.log_determinant(self._chosen), coordinates)
+        return values
+
+    def jacobian(self, coordinates: FloatArray) -> FloatArray:
+        """Return the derivatives of the residuals."""
+        of_values = residual_jacobian(self._around(coordinates), self._hypothesis, coordinates)
+        return np.vstack([of_values[self._chosen], self._of_prior])
+
+
+def _nearest_minimum(
+    around: Callable[[FloatArray], Linearised[Physics]],
+    hypothesis: Hypothesis[Physics],
+    start: FloatArray,
+    chosen: BoolArray,
+    pace: Pace,
+) -> FloatArray:
+    """Return the coordinates of the minimum next to a start.
+
+    Raises GivenUpError on the way to a minimum that is no better than what is ``to_beat``.
+    """
+    steps = _Steps(around, hypothesis, chosen, pace)
+    if not np.all(np.isfinite(steps.residuals(start))):
+        return start  # too far from the data for a slope to mean anything
+    return minimum(steps.residuals, steps.jacobian, start, hypothesis.bounds, pace.patience)

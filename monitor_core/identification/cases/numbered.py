@@ -25,7 +25,7 @@ from monitor_core.fitting.coordinates import FreeParameters, is_spring
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation, conditions_in_order
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.residuals.peak_search import relative_frequency_uncertainty
-from monitor_core.fitting.solver.least_squares import FitSettings, fit_local
+from monitor_core.fitting.solver.least_squares import FitSettings, Patience, fit_local
 from monitor_core.models.extended import elastic_frequencies
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceModel
@@ -36,7 +36,7 @@ Assign = Callable[[FreeParameters], tuple[AssignedPeak, ...]]
 
 #: Springs are looked for within so many decades of what is stated, from there and from corners of a box around it.
 _DECADES, _CORNER = 3.0, math.log10(5.0)
-_COARSE = FitSettings(uncertainties_stated=True, max_evaluations=25, tolerance=1e-3)
+_COARSE = FitSettings(patience=Patience(25, flat=1e-3))
 _STEP = 1e-4  # of a coordinate for its differences, in decades
 
 

@@ -175,6 +175,12 @@ def table_receptance(terms: PositionTerms, joints: JointParameters) -> ComplexAr
     return parts.table_per_force / parts.denominator
 
 
+def table_fraction(terms: PositionTerms, joints: JointParameters) -> tuple[ComplexArray, ComplexArray]:
+    """Return numerator and denominator of the receptance of the table, functions of ω without poles."""
+    parts = _parts(terms, joints)
+    return parts.table_per_force, parts.denominator
+
+
 def table_receptance_gradient(terms: PositionTerms, joints: JointParameters) -> tuple[ComplexArray, ComplexArray]:
     r"""Return the receptance of the table in m/N, and its derivatives with respect to the eight joint parameters.
 
