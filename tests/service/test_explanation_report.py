@@ -209,6 +209,26 @@ def test_verdict_on_what_a_parameter_had_taken_up_says_which_and_how_far() -> No
     )
 
 
+def test_of_none_it_is_said_what_comes_nearest_and_how_much_speaks_for_it() -> None:
+    """Evidence has no step: very strong evidence that is less than what is asked is said, chance is not."""
+    none = EXAMPLES[Outcome.NONE]
+    near, far = (replace(none, candidates=(replace(CANDIDATES[1], delta_bic=of),)) for of in (41.0, 9.0))
+    assert asides(far) == asides(replace(none, candidates=()))
+    (nearest,) = set(asides(near)) - set(asides(far))
+    assert (
+        nearest == "“Coulomb friction of the guides” comes nearest to a finding, with a ΔBIC of 41 where 50 is asked."
+    )
+
+
+@pytest.mark.parametrize(("pull", "is_said"), [(3.9, False), (6.8, True)])
+def test_a_tolerance_that_is_strained_is_said_where_nothing_has_a_name(pull, is_said) -> None:
+    strained = replace(
+        EXAMPLES[Outcome.UNKNOWN], effects=(), described=(), unfinished=None, ln_ratios={"table_mass_kg": 0.3},
+        pulls={"table_mass_kg": pull}, pulls_before={"table_mass_kg": pull},
+    )  # fmt: skip
+    assert ("the fit moves table mass by 6.8 of its tolerances" in headline(strained)) is is_said
+
+
 def test_what_was_assumed_and_what_is_pulled_far_is_said_below_the_verdict() -> None:
     plain = replace(EXAMPLES[Outcome.PARTIAL], pulls=EXAMPLES[Outcome.NAMED].pulls)
     assert asides(plain) == ()
