@@ -63,7 +63,7 @@ def explain_comparison(
     asked = _Asked(axis, tuple(candidates), sizes, progress or (lambda _: None), time_is_up or (lambda: False))
     layout = comparison.layout
     asked.progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
-    records = cleared(comparison, axis, asked.progress)
+    records = cleared(comparison, axis, asked.progress, candidates)
     searched: _Searched[Physics] | None = None
     while True:
         searched = asked.search(records, searched)
@@ -72,7 +72,7 @@ def explain_comparison(
             judged = asked.judge(searched)
             if searched.unfinished or (searched.is_settled and judged.final is searched.final):
                 break
-            worst = records.worst(judged.final)
+            worst, _ = records.worst(judged.final)
         if worst is None:
             break
         asked.progress(f"once more without record {worst.number} ({worst.setting})")
@@ -151,7 +151,7 @@ class _Asked(Generic[Physics]):
                 report("judging what was found")
                 follows = otherwise.follows(workspace.baseline, steps[-1])
                 if may_be_wrong and follows is None and not judged_gap(steps[-1]).exceeds_healthy:
-                    worst = records.worst(steps[-1])
+                    worst, _ = records.worst(steps[-1])
                 found, classes = _named(workspace, steps, for_now=worst is not None or follows is not None)
         except TimeIsUpError:
             worst, follows, unfinished = None, None, _unfinished(workspace, doing)

@@ -24,7 +24,8 @@ What stands out together with the others of one level, all that were taken warm,
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic
@@ -34,12 +35,13 @@ import numpy.typing as npt
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.explanation import RecordFault, WrongRecord
-from monitor_core.effects.effect import Physics
+from monitor_core.discrepancy.screening import screen
+from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.comparison import Comparison, HasRecords
 from monitor_core.fitting.conditions.groups import CONDITIONS, levels_of
-from monitor_core.fitting.evidence import VERY_STRONG, evidence_scale
+from monitor_core.fitting.evidence import VERY_STRONG, delta_bic, evidence_scale
 from monitor_core.fitting.hold_out import fitted_values, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -282,10 +284,16 @@ class Look:
         return np.asarray(self.share * np.asarray(n_values) * (q - 1.0 - np.log(q)) - self.penalty - self.price)
 
 
-def worst_record(fitted: Fitted[Physics], whole: HasRecords[Physics], known: frozenset[int]) -> WrongRecord | None:
+def worst_record(
+    fitted: Fitted[Physics],
+    whole: HasRecords[Physics],
+    known: frozenset[int],
+    right: frozenset[int] = frozenset(),
+) -> WrongRecord | None:
     """Return the record that is most surely wrong under a fit, None without any.
 
-    ``whole`` is the comparison of all records, of which ``known`` are found to be wrong already and were not fitted.
+    ``whole`` is the comparison of all records, of which ``known`` are found to be wrong already and were not fitted;
+    those that are ``right`` may stand out.
     """
     overview = _overview(fitted, whole)
     if overview is None:
@@ -293,13 +301,14 @@ def worst_record(fitted: Fitted[Physics], whole: HasRecords[Physics], known: fro
     here, look, _ = overview
     numbers = np.arange(here.chi_squared.size)
     wrong_before = np.isin(numbers, list(known))
-    scores = np.where(wrong_before, -np.inf, _scores(whole, here, look))
+    others = ~wrong_before & ~np.isin(numbers, list(right))
+    scores = np.where(others, _scores(whole, here, look), -np.inf)
     order = np.argsort(-scores, kind="stable")
     candidates = [
         wrong
         for index in order[:_MOST_CLOSELY].tolist()
         if scores[index] > VERY_STRONG
-        and not _shared_by_level(whole, index, scores, wrong_before)
+        and not _shared_by_level(whole, index, scores, others, wrong_before)
         and (wrong := record_under(fitted, whole, index)) is not None
     ]
     worst = max(candidates, key=lambda wrong: wrong.delta_bic, default=None)
@@ -366,7 +375,9 @@ def _scores(whole: HasRecords[Physics], here: RecordCosts, look: Look) -> FloatA
     return np.asarray(np.max(scores, axis=0))
 
 
-def _shared_by_level(whole: HasRecords[Physics], index: int, scores: FloatArray, wrong_before: BoolArray) -> bool:
+def _shared_by_level(
+    whole: HasRecords[Physics], index: int, scores: FloatArray, others: BoolArray, wrong_before: BoolArray
+) -> bool:
     """Return whether the other records of an unusual level of one condition stand out, too, or stood out before."""
     for axis in CONDITIONS:
         levels = levels_of(whole.layout, axis)
@@ -378,10 +389,35 @@ def _shared_by_level(whole: HasRecords[Physics], index: int, scores: FloatArray,
         # with this one more than half of the level would be wrong
         if n_wrong and 2 * n_wrong >= n_same:
             return True
-        rest = same & ~wrong_before
+        rest = same & others
         if np.any(rest) and float(np.median(scores[rest])) > _ALIKE * scores[index]:
             return True
     return False
+
+
+def _retagged(without: Fitted[Physics], wrong: WrongRecord) -> Fitted[Physics] | None:
+    """Return a fit with another tag for one record, None where nothing but another tag is what is wrong with it."""
+    of_fault = {fault: (tag, per_unit) for tag, (fault, _, per_unit) in TAGS.items()}
+    records = without.comparison
+    if wrong.fault not in of_fault or not isinstance(records, HasRecords):
+        return None
+    tag, per_unit = of_fault[wrong.fault]
+    is_wrong = [each == wrong.observations for each in records.records]
+    with suppress(OutsideValidityError):
+        values = np.where(is_wrong, wrong.found / per_unit, records.tags(tag))
+        return fit(records.retagged(tag, values), without.hypothesis, without.coordinates)
+    return None
+
+
+def _with_each(without: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> Iterator[Fitted[Physics]]:
+    """Yield the fits with each effect, as far as its values are plausible."""
+    for screened in screen(without, [effect for effect in effects if effect.applies(without.physics())]):
+        hypothesis = without.hypothesis.with_effect(screened.effect)
+        with suppress(OutsideValidityError):
+            fitted = fit(without.comparison, hypothesis, screened.starts[0])
+            values = hypothesis.values(fitted.coordinates)[screened.effect.key]
+            if all(each.lower <= values[each.name] <= each.upper for each in screened.effect.parameters):
+                yield fitted
 
 
 #: Of the records, how many may be wrong; more is another model.
@@ -395,6 +431,7 @@ class Records(Generic[Physics]):
     whole: Comparison[Physics]  # of one without records nothing is taken out
     wrong: frozenset[int] = frozenset()  # by their settings
     baseline: Fitted[Physics] | None = None  # of the axis as described to all records, where none is taken out
+    candidates: tuple[Effect[Physics], ...] = ()  # what the axis may lack
 
     @property
     def kept(self) -> Comparison[Physics]:
@@ -405,14 +442,65 @@ class Records(Generic[Physics]):
 
     def without(self, record: WrongRecord) -> "Records[Physics]":
         """Return the records with one more taken out."""
-        return Records(self.whole, self.wrong | {record.number - 1})
+        return replace(self, wrong=self.wrong | {record.number - 1}, baseline=None)
 
-    def worst(self, fitted: Fitted[Physics]) -> WrongRecord | None:
-        """Return the record that is most surely wrong under a fit of those that are kept, None without any."""
+    def worst(
+        self, fitted: Fitted[Physics], right: frozenset[int] = frozenset()
+    ) -> tuple[WrongRecord | None, frozenset[int]]:
+        """Return the record that is most surely wrong under a fit of those that are kept, None without any.
+
+        With it come those that are ``right`` though they stand out until it is known what the axis lacks.
+        """
         whole = self.whole
         if not isinstance(whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(whole.layout.settings):
-            return None
-        return worst_record(fitted, whole, self.wrong)
+            return None, right
+        record = worst_record(fitted, whole, self.wrong, right)
+        if record is None:
+            return None, right
+        wrong, others = self._accounted_for(fitted, whole, record)
+        return (wrong, right | others) if wrong is not None else self.worst(fitted, right | others)
+
+    def _accounted_for(
+        self, fitted: Fitted[Physics], whole: HasRecords[Physics], worst: WrongRecord
+    ) -> tuple[WrongRecord | None, frozenset[int]]:
+        """Return which record is wrong by the evidence, and those that stand out and are right.
+
+        One that was taken warm may stand out where the others of its level do not: it is wrong; or it is right, shows
+        what warmth does to the axis, and the fit has bent to another; or another was not as warm as it says. The tag of
+        that one changes nothing without an effect of temperature, and such an effect explains little while the tag
+        counts as right: so both are tried together.
+        """
+        index, every = worst.number - 1, frozenset(range(len(whole.layout.settings)))
+        levels, price = (
+            levels_of(whole.layout, ConditionAxis.TEMPERATURE),
+            2.0 * math.log(len(every) * len(RecordFault)),
+        )
+        same = frozenset(np.flatnonzero(levels == levels[index]).tolist()) - self.wrong
+        effects = [each for each in self.candidates if ConditionAxis.TEMPERATURE in each.needs]
+        is_known = any(effect in effects for effect in fitted.hypothesis.effects)
+        best: tuple[WrongRecord | None, frozenset[int]] = (worst, frozenset())
+        least = VERY_STRONG
+        if is_known or not effects or len(same) < 2 or 2 * len(same) > len(every):
+            return best
+
+        def refitted(left_out: int | None) -> Fitted[Physics]:
+            return fit(whole.only(every - self.wrong - {left_out}), fitted.hypothesis, fitted.coordinates)
+
+        alone = record_under(refitted(index), whole, index) or worst
+        for other in (None, *sorted(same - {index})):
+            without = refitted(other)
+            retagged = _retagged(without, alone)
+            for shown in _with_each(without, effects):
+                scale = evidence_scale(shown)
+                wrong = None if other is None else record_under(shown, whole, other)
+                if other is not None and (wrong is None or wrong.fault is not RecordFault.TEMPERATURE):
+                    continue
+                of_tag = scale.penalty(1) + price
+                instead = alone.delta_bic if retagged is None else delta_bic(without, retagged, scale) - of_tag
+                advantage = delta_bic(without, shown, scale) - instead - (0.0 if other is None else of_tag)
+                if advantage > least:
+                    best, least = (wrong, same if other is None else frozenset((index,))), advantage
+        return best
 
     def named(self, fitted: Fitted[Physics]) -> tuple[WrongRecord, ...]:
         """Return what is wrong with the records that are taken out, under the final fit, worst first.
@@ -426,19 +514,23 @@ class Records(Generic[Physics]):
 
 
 def cleared(
-    comparison: Comparison[Physics], axis: DescribedAxis[Physics], progress: Callable[[str], None]
+    comparison: Comparison[Physics],
+    axis: DescribedAxis[Physics],
+    progress: Callable[[str], None],
+    candidates: Sequence[Effect[Physics]] = (),
 ) -> Records[Physics]:
     """Return the records without those that stand out from the others under the axis as it is described.
 
+    ``candidates`` are what the axis may lack: one of them may be what makes a right record stand out.
     Raises OutsideValidityError if the axis has no answer.
     """
-    records, hypothesis = Records(comparison), Hypothesis(axis)
-    start = hypothesis.null
+    records, hypothesis = Records(comparison, candidates=tuple(candidates)), Hypothesis(axis)
+    start, right = hypothesis.null, frozenset[int]()
     while True:
         kept = records.kept
         fitted = fit(kept, hypothesis, start, fitted_values(kept.layout))
-        worst = records.worst(fitted)
+        worst, right = records.worst(fitted, right)
         if worst is None:
-            return records if records.wrong else Records(comparison, baseline=fitted)
+            return records if records.wrong else replace(records, baseline=fitted)
         progress(f"taking out record {worst.number} ({worst.setting})")
         records, start = records.without(worst), fitted.coordinates

@@ -174,6 +174,20 @@ def test_of_two_records_that_were_warm_neither_is_wrong() -> None:
     assert [effect.key for effect in answer.effects] == ["thermal-stiffness"]
 
 
+@pytest.mark.release
+def test_a_warm_record_with_a_wrong_preload_is_no_preload_that_follows_temperature() -> None:
+    """The effect would need another record to be wrong as well, and explains no more."""
+    observations, wrong = measured_at_both_ends(true_subject()), len(WARM) - 1
+    tagged = replace(WARM[wrong], preload=210.0)
+    observations = [
+        replace(each, conditions=tagged) if each.conditions == WARM[wrong] else each for each in observations
+    ]
+    answer = answered(observations, *THERMAL)
+    (record,) = answer.records
+    assert (record.number, record.fault) == (wrong + 1, RecordFault.PRELOAD)
+    assert answer.effects == ()
+
+
 def test_the_cost_of_a_record_is_that_of_its_covariance() -> None:
     comparison, physics = compared(measured(true_subject(), CONDITIONS)), true_subject()
     scatter = np.array([1.0, 2.0, 1.0])
