@@ -33,6 +33,7 @@ from monitor_core.discrepancy.explanation import (
     UntestedReason as UntestedReason,
     WrongRecord as WrongRecord,
 )
+from monitor_core.discrepancy.screw_axis import AgainstScrew as AgainstScrew, Objection as Objection
 from monitor_core.discrepancy.search.workspace import STRAINED as STRAINED
 from monitor_core.discrepancy.verdict.classes import AMPLITUDE_LAW as AMPLITUDE_LAW, TIME_LAW as TIME_LAW
 from monitor_core.fitting.conditions.groups import Dimension as Dimension, Extent as Extent

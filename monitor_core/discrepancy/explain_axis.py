@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
-from monitor_core.discrepancy.explanation import Explanation, Outcome
+from monitor_core.discrepancy.explanation import Explanation, Gap, GapPair, NextStep, Outcome, StepKind
+from monitor_core.discrepancy.screw_axis import AgainstScrew, against_screw
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect, EffectParameter, MachineSizes, Reference
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.accelerometer import place_accelerometer
@@ -24,7 +25,7 @@ from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.fitting.residuals.motion.comparison import MotionComparison
 from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.models.extended import AxisPhysics, paper_motor_end
-from monitor_core.models.motion import MotionPhysics
+from monitor_core.models.motion import FAMILY as MOTION, MotionPhysics
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recording import MotionRecord
 
@@ -105,6 +106,8 @@ def explain(
     to be held out do not go together; one sentence says why.
     """
     options = options or ExplainOptions()
+    if (against := _against_screw(axis, measured, options)) is not None:
+        return replace(_NOTHING_ELSE, against_screw=against, augmented=axis)
     if progress is not None:
         progress("comparing with the model as stated")
     question = _question(axis, measured, options)
@@ -131,8 +134,38 @@ def explain(
 
 def require_explainable(axis: AxisDescription, measured: Measured, options: ExplainOptions | None = None) -> None:
     """Refuse at once what :func:`explain` would refuse before it searches; raises as it does."""
-    question = _question(axis, measured, options or ExplainOptions())
+    options = options or ExplainOptions()
+    if _against_screw(axis, measured, options) is not None:
+        return
+    question = _question(axis, measured, options)
     question.comparison.misfit(question.described.physics({}))
+
+
+_NO_GAP = GapPair(math.nan, math.nan)
+#: Of data that are not of a ball screw axis, whose model says nothing of them.
+_NOTHING_ELSE = Explanation(
+    outcome=Outcome.UNKNOWN,
+    effects=(),
+    localisation=(),
+    remainder=(),
+    gap=Gap("sigma", math.nan, _NO_GAP, _NO_GAP),
+    steps=(),
+    candidates=(),
+    pulls={},
+    least_delta_bic=math.nan,
+    next_steps=(NextStep(StepKind.SEE_DRIVE),),
+    ln_ratios={},
+    added={},
+    panels=(),
+)
+
+
+def _against_screw(axis: AxisDescription, measured: Measured, options: ExplainOptions) -> AgainstScrew | None:
+    """Return what speaks against a ball screw axis; of a motion, or a model of one, nothing does."""
+    if isinstance(measured, MotionRecord) or axis.family == MOTION:
+        return None
+    drive = axis.drive(_with_own_effects(DRIVE_EFFECTS, options))
+    return against_screw(drive.physics({}), drive.uncertain, measured)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

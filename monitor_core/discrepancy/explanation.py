@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from monitor_core.arrays import FloatArray, read_only
+from monitor_core.discrepancy.screw_axis import AgainstScrew
 from monitor_core.effects import ConditionAxis, Effect, Law, Variable
 from monitor_core.effects.units import RecordedUnit
 from monitor_core.errors import OutsideValidityError
@@ -253,6 +254,7 @@ class StepKind(StrEnum):
     HOLD_PART = "hold-a-part"
     REPEAT_NOW = "repeat-now"
     CHECK_PART = "check-a-part"
+    SEE_DRIVE = "see-what-drives"
     WITHIN_TURN = "measure-within-a-turn"  # of what varies about its mean
     WITHIN_TURN_OF_STATED = "measure-within-a-turn-of-stated"  # of what is as stated at one angle
     BETWEEN_LEVELS = "measure-between-levels"
@@ -334,5 +336,7 @@ class Explanation:
     unfinished: Unfinished | None = None  # where time was up before the search had come to its end
     #: What was found of a cause that has no name; where the outcome is not *described*, without form.
     described: tuple[Described, ...] = ()
+    #: What speaks against a ball screw axis; then nothing else was asked of the data.
+    against_screw: AgainstScrew | None = None
     #: The description with what was found; None where a comparison was explained, of which there is no description.
     augmented: AxisDescription | None = None

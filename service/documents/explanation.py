@@ -15,6 +15,7 @@ from monitor_core.discrepancy import (
 )
 from service.documents.explanation_sentences import (
     KEYS,
+    against_screw_sentence,
     alternative_sentence,
     assumption_sentences,
     extent_by_key,
@@ -35,7 +36,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
 
     A number that is not known is ``null``.
     """
-    unfinished = explanation.unfinished
+    unfinished, against = explanation.unfinished, explanation.against_screw
     return finite_or_null({
         "outcome": explanation.outcome,
         "effects": [_effect(effect) for effect in explanation.effects],
@@ -53,6 +54,8 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         **members(explanation, "least_delta_bic", "pulls", "pulls_before"),
         "maps": [_map(shown) for shown in explanation.maps],
         "described": [_described(description) for description in explanation.described],
+        "against_screw": against
+        and {**members(against, "objection", "values"), "sentence": against_screw_sentence(against)},
         "records": [_record(record) for record in explanation.records],
         "taken_as": list(assumption_sentences(explanation)),
         "unfinished": None if unfinished is None else unfinished_sentence(unfinished, KEYS),

@@ -11,6 +11,7 @@ from typing import Final
 from monitor_core.discrepancy import (
     AMPLITUDE_LAW,
     TIME_LAW,
+    AgainstScrew,
     DescribedAlternative,
     Dimension,
     Explanation,
@@ -222,6 +223,19 @@ def alternative_sentence(alternative: DescribedAlternative, wording: Wording) ->
         return f"something that swings at the {alternative.place}"
     varying = "" if alternative.varies_with is None else f", {alternative.varies_with}"
     return f"{wording.parameter(alternative.parameter)} at the {alternative.place}{varying}"
+
+
+def against_screw_sentence(against: AgainstScrew) -> str:
+    """Say what speaks against a ball screw axis, and what a screw would do."""
+    shown = dict[str, str]()
+    for name, value in against.values.items():
+        if name.endswith("_m"):
+            shown[name.removesuffix("_m")] = plain(1e3 * value, 4)
+        else:
+            percent = f"{100.0 * value:+.1f} %".replace("-", "−").replace("−0.0", "0.0")
+            shown[name] = plain(value, 4) if name.endswith("_hz") else percent
+    words = texts("against_screw")[against.objection].format(**shown)
+    return f"This does not behave as a ball screw axis: {words}."
 
 
 # --- what to do next

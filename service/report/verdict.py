@@ -18,6 +18,7 @@ from monitor_core.discrepancy import (
 from monitor_core.effects import PREFIX, Form, Law, Variable
 from service.documents.explanation_sentences import (
     NAMES,
+    against_screw_sentence,
     alternative_sentence,
     assumption_sentences,
     name_of,
@@ -39,6 +40,8 @@ _SCATTERED = 1.73
 
 def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for each outcome
     """Return the verdict in one sentence."""
+    if explanation.against_screw is not None:
+        return against_screw_sentence(explanation.against_screw)
     names = listed([_named(effect) for effect in explanation.effects])
     several = len(explanation.effects) > 1
     match explanation.outcome:
@@ -87,6 +90,8 @@ def _described(explanation: Explanation, names: str) -> str:
 
 def meaning(explanation: Explanation) -> str:
     """Say what the outcome means, and what it does not."""
+    if explanation.against_screw is not None:
+        return texts("meaning")["against_screw"]
     if explanation.unfinished:
         return texts("meaning")["unfinished"]
     words = texts("meaning")[explanation.outcome]
