@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from monitor_core.discrepancy import Described, FoundParameter, Outcome, StepKind, UntestedReason
+from monitor_core.discrepancy import Described, FoundParameter, Objection, Outcome, StepKind, UntestedReason
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.next_steps import next_steps, steps_to_locate
 from monitor_core.effects import Form, Law, Variable
@@ -236,5 +236,6 @@ def test_sizes_are_those_of_the_machine() -> None:
 def test_each_kind_of_step_reason_and_outcome_has_its_sentence() -> None:
     assert texts("next_step").keys() == set(StepKind)
     assert texts("untested").keys() == set(UntestedReason) - {UntestedReason.NOT_VARIED}
-    assert texts("meaning").keys() == {*Outcome, "unfinished"}
+    assert texts("meaning").keys() == {*Outcome, "unfinished", "against_screw"}
+    assert texts("against_screw").keys() == set(Objection)
     assert texts("change").keys() < set(ConditionAxis)
