@@ -5,6 +5,8 @@ import os
 import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,6 +41,18 @@ def umask_of_the_tests() -> Iterator[None]:
     os.umask(umask)
     yield
     os.umask(umask)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Compile the tests once in a clean clone: each worker begins with files of its own, and finds those of others."""
+    if "PYTEST_XDIST_WORKER" not in os.environ or session.config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    worker, n_workers = int(os.environ["PYTEST_XDIST_WORKER"][2:]), int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+    files = sorted(PROJECT_ROOT.glob("tests/**/test_*.py"))[worker::n_workers]
+    for file in files:
+        with suppress(Exception, pytest.skip.Exception):  # the collection says what is wrong with it
+            import_module(".".join(file.relative_to(PROJECT_ROOT).with_suffix("").parts))
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -48,16 +48,20 @@ ANSWERING = ("AnyIO worker thread", "ingest", "MainThread")
 
 
 class Steps:
-    """Counts the steps of SQLite's virtual machine, twenty at a time, that answers take: not what is looked after."""
+    """Counts the steps of SQLite's virtual machine that answers take: not what is looked after.
+
+    Each of them: of twenty at a time a statement counts from where it ended the time before on this connection, so that
+    an answer of eight short statements took 60 steps or 200.
+    """
 
     def __init__(self) -> None:
         self.counted = 0
 
     def watch(self, connection: object, _record: object) -> None:
-        connection.set_progress_handler(self._count, 20)
+        connection.set_progress_handler(self._count, 1)
 
     def _count(self) -> int:
-        self.counted += 20 * threading.current_thread().name.startswith(ANSWERING)
+        self.counted += threading.current_thread().name.startswith(ANSWERING)
         return 0
 
 
