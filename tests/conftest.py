@@ -1,5 +1,6 @@
 """Where the tests find measurements made by others and the published tables."""
 
+import gc
 import json
 import os
 import socket
@@ -60,6 +61,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the files with long tests first: several processes, a file each at a time, then end together."""
     long = {item.path for item in items if item.get_closest_marker("release")}
     items.sort(key=lambda item: item.path not in long)
+
+
+def pytest_collection_finish() -> None:
+    """Spare the collector of garbage what stays until the end: all modules and tests, looked at again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 class Answer(NamedTuple):

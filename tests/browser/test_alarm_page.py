@@ -119,6 +119,7 @@ def test_a_reason_is_required_to_clear(fresh_service: Site, visit: Visit) -> Non
     assert fresh_service.api.http.get(f"/v1{path(fresh_service)}").json()["status"] == "active"
 
 
+@pytest.mark.release
 def test_the_second_of_two_people_is_told(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, path(fresh_service), script=False, allowed="409")
     fresh_service.api.http.post(f"/v1{path(fresh_service)}/acknowledge", json={"comment": "mine"}).raise_for_status()

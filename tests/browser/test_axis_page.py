@@ -9,7 +9,6 @@ from playwright.sync_api import Page, expect
 from tests.browser.conftest import (
     LOOKS,
     SIZES,
-    WITH_AND_WITHOUT_SCRIPT,
     Site,
     Visit,
     bytes_of,
@@ -21,6 +20,7 @@ from tests.browser.test_fleet_page import small_targets, small_texts
 from tests.conftest import canary
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 @pytest.mark.parametrize("axis", canary(["alarm", "long"]))
 def test_everybody_can_read_it(served: Site, visit: Visit, axis: str, size: str, theme: str) -> None:
@@ -189,7 +189,8 @@ def test_points_are_reached_by_keyboard(served: Site, visit: Visit) -> None:
     assert page.evaluate("() => document.activeElement.getAttribute('href')") == newest
 
 
-@pytest.mark.parametrize("script", WITH_AND_WITHOUT_SCRIPT)
+@pytest.mark.release
+@pytest.mark.parametrize("script", [True, False])
 def test_from_the_fleet_an_alarm_is_acknowledged_in_two_clicks(fresh_service: Site, visit: Visit, script: bool) -> None:
     page = visit(fresh_service.url, "/", "phone", script=script)
     page.get_by_role("link", name="alarm", exact=True).click()

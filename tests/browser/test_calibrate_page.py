@@ -61,6 +61,7 @@ def test_holes_are_named_and_a_plan_of_ones_own_moves_them(calibrating: Site, vi
     expect(page.locator("#holes")).to_contain_text("600 N: 250, 350, 450, 550, 650 mm.")
 
 
+@pytest.mark.release
 def test_a_plan_that_is_none_says_why(calibrating: Site, visit: Visit) -> None:
     page = visit(calibrating.url, f"/axes/{AXIS}/calibrate?from_mm=500&to_mm=400", allowed="status of 422")
     expect(page.get_by_role("alert")).to_contain_text("must be 10 mm or more; got 500 to 400 mm")

@@ -131,6 +131,7 @@ def test_two_people_at_once_the_second_is_told(fresh_service: Site, visit: Visit
     expect(other.locator("main")).to_contain_text("are taken already")
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(fresh_service: Site, visit: Visit, tmp_path: Path, size: str, theme: str) -> None:
     page = visit(fresh_service.url, "/axes/normal/import", size, theme)

@@ -22,6 +22,7 @@ def path(site: Site, axis: str = "alarm") -> str:
     return f"/axes/{axis}/measurements/{number(site, axis)}"
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_it(served: Site, visit: Visit, size: str, theme: str) -> None:
     page = visit(served.url, path(served), size, theme)

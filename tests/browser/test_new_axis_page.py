@@ -105,6 +105,7 @@ def test_an_axis_of_a_catalogue_is_registered_with_its_model(fresh_service: Site
     assert 'family = "receptance"' in stored["drive_model"]
 
 
+@pytest.mark.release
 def test_it_works_by_keyboard(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, "/axes/new")
     page.locator("#name").focus()

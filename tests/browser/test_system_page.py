@@ -67,6 +67,7 @@ def test_a_job_is_seen_and_cancelled(fresh_service: Site, visit: Visit, script: 
     assert fresh_service.api.http.get(f"/v1/jobs/{job}").json()["status"] == "cancelled"
 
 
+@pytest.mark.release
 def test_a_failed_job_says_its_sentence(fresh_service: Site, visit: Visit) -> None:
     error = "NotIdentifiableError: expected measurements at two positions or more; got one"
     database = Database(f"sqlite:///{fresh_service.api.data_dir / 'preload.db'}")
@@ -86,6 +87,7 @@ def test_a_failed_job_says_its_sentence(fresh_service: Site, visit: Visit) -> No
     assert not violations(page)
 
 
+@pytest.mark.release
 def test_the_log_says_who_changed_what_page_by_page(fresh_service: Site, visit: Visit) -> None:
     fresh_service.api.http.post("/v1/axes/normal/archive").raise_for_status()
     page = visit(fresh_service.url, "/system")

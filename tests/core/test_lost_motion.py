@@ -118,6 +118,7 @@ def write_log(path):
     np.savetxt(path, columns, ["%.0f", "%.8f", "%.2f", "%.5f"], ",", header=header, comments="")
 
 
+@pytest.mark.release
 def test_the_command_of_the_page_leads_to_its_numbers(preload, tmp_path, monkeypatch):
     page = (PROJECT_ROOT / "docs/how-to/lost-motion.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)

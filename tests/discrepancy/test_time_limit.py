@@ -28,6 +28,7 @@ def explained_within(n_answers: float) -> Explanation:
     return explain_comparison(linear(TRUTH), LinearAxis({}, 4), candidates, time_is_up=time_is_up)
 
 
+@pytest.mark.release
 def test_the_answer_so_far_is_never_more_than_partial_and_says_what_was_not_tried() -> None:
     whole = explained_within(np.inf)
     assert (whole.outcome, whole.unfinished) == (Outcome.NAMED, None)

@@ -196,6 +196,7 @@ def one_record(fault: str, size: int, kind: str = "none"):
     return detectability_of_record(case, BENCH.recorder, FORM), abs(off)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "kind"), canary(itertools.product([0, 2], ["none", "far-bearing-stiffness"])))
 def test_d_prime_of_a_gain_is_how_many_tolerances_it_is_off(size, kind) -> None:
     """Nothing but the gain of its record does what a gain does, beside an effect or not."""

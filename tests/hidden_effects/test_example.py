@@ -35,6 +35,7 @@ def test_files_are_small_and_what_the_plant_gives() -> None:
         np.testing.assert_allclose(observation.response, frf.response, rtol=1e-9)
 
 
+@pytest.mark.release
 def test_what_is_hidden_is_found_with_its_size(explanation) -> None:
     truth = tomllib.loads((FOLDER / "truth.toml").read_text(encoding="utf-8"))["effects"]
     assert explanation.outcome == "named"
@@ -46,6 +47,7 @@ def test_what_is_hidden_is_found_with_its_size(explanation) -> None:
     assert explanation.gap.after.held_out < 1.05 * explanation.gap.noise_floor < explanation.gap.before.held_out
 
 
+@pytest.mark.release
 def test_readme_states_truth_and_estimate(explanation) -> None:
     """In the digits that are printed; another processor may round the last one otherwise."""
     (effect,) = explanation.effects

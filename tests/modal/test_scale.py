@@ -90,6 +90,7 @@ CELLS = [
 CHANCE, PRICE = 0.001, 1.7
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("frequency", "rate", "n_samples", "noise", "n_draws"), CELLS)
 def test_a_weakly_damped_mode_between_two_others_is_within_its_interval(frequency, rate, n_samples, noise, n_draws):
     # neighbours a quarter below and an eighth above bend the lines by about as much as chance does: no test tells them

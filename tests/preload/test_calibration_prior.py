@@ -27,6 +27,7 @@ from monitor_core.preload import (
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, read_calibration, write_calibration
 from monitor_core.uncertainty import Estimate, VectorEstimate
+from tests.conftest import canary
 
 TRUE = np.array([-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8])
 #: As of joints known to some 5 %, the nut and the constant part correlated.
@@ -183,7 +184,7 @@ def covered(calibration: Calibration, x: float, p: float, measured: float, own: 
     return isinstance(answer, PreloadEstimate) and answer.interval.covers(p)
 
 
-@pytest.mark.parametrize("n_readings", [0, 2])
+@pytest.mark.parametrize("n_readings", canary([0, 2]))
 def test_newtons_are_covered_where_axes_are_as_the_prior_says(n_readings: int) -> None:
     """1000 axes drawn from the prior, two readings each or none, then one measurement at an unseen place.
 

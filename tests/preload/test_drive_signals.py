@@ -158,6 +158,7 @@ def windows_by_the_form(folder: Path, log: Log, place: tuple[float, float], *, d
     return list(made.session.windows)
 
 
+@pytest.mark.release
 def test_a_motor_angle_that_is_filled_in_by_the_form_leads_to_newtons(tmp_path: Path) -> None:
     logs = logged(ExcitationQuantity.CURRENT, 21)
     measurements = []

@@ -265,6 +265,7 @@ def test_systematic_uncertainty_between_positions_is_the_scatter_over_calibratio
     assert np.std(differences) == pytest.approx(np.sqrt(np.mean(np.square(stated))), rel=0.16)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("preload", canary([30.0, 300.0]))
 def test_budget_of_the_calibration_is_the_scatter_over_calibrations(preload: float) -> None:
     """400 calibrations read one true frequency: θ = preload^(−1/3) scatters as their joint covariance says."""

@@ -198,6 +198,7 @@ def test_a_declared_parameter_stays_declared() -> None:
     assert fitted.parameter("inverse_moving_mass") != back.parameter("inverse_moving_mass")
 
 
+@pytest.mark.release
 def test_whatever_number_is_written_it_is_refused_or_answers(subtests: pytest.Subtests) -> None:
     """Each number alone, and an answer where the law does not look: in the middle, with witnesses off by a tenth."""
     for pointer, place in numbers_in(document := json.loads(json.dumps(calibration_document(WITNESSED)))):

@@ -263,7 +263,7 @@ def of_any_draw(folder, name, n_draws):
 def test_whatever_is_changed_is_used_or_refused(tmp_path, subtests):
     for name in FORMATS:
         with subtests.test(format=name):
-            of_any_draw(tmp_path, name, 15)
+            of_any_draw(tmp_path, name, 5)
 
 
 @pytest.mark.release

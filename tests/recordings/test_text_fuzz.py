@@ -20,6 +20,7 @@ from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.proposal import propose
+from tests.conftest import canary
 from tests.recordings.text_files import logger_files, lvm, trace_files, twincat
 
 N_FILES = int(os.environ.get("PRELOAD_FUZZ", "30"))
@@ -82,7 +83,7 @@ def damaged(content: bytes, rng: random.Random) -> bytes:
     return content[:3_000_000]
 
 
-@pytest.mark.parametrize("case", GOOD)
+@pytest.mark.parametrize("case", canary(GOOD))
 def test_damaged_texts_are_read_or_refused_in_one_sentence(tmp_path, case):
     ending, files = GOOD[case]
     rng = random.Random(case)  # noqa: S311  # seeded, so that a failure comes back

@@ -207,6 +207,7 @@ def test_a_prior_lets_fewer_measurements_do(api: Api) -> None:
     assert job["status"] == "done", job["error"]
 
 
+@pytest.mark.release
 def test_a_drive_model_calibrates_where_no_preload_is_known(tmp_path: Path) -> None:
     """A finite-element axis drawn from its model: to a factor of two, or as well as the preload at first is known.
 

@@ -14,6 +14,7 @@ from monitor_core.recordings.calibration_file import write_calibration
 from monitor_core.recordings.model_file import write_model_file
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from monitor_core.uncertainty import VectorEstimate
+from tests.conftest import canary
 from tests.identification.test_described_calibration import AXES, Plant
 from tests.service.conftest import START, simulated_window
 from tests.service.test_cli import K_NAMES, assert_refused
@@ -153,7 +154,7 @@ def test_a_drive_model_will_do_where_no_preload_was_set(preload: Any, predicted:
     assert 1.4**2 < high / low < 1.8**2  # what is known of the nut, a factor of 1.43 either way, and a bit
 
 
-@pytest.mark.parametrize("one_is_known", [False, True])
+@pytest.mark.parametrize("one_is_known", canary([False, True]))
 def test_a_drive_model_joins_a_session(preload: Any, tmp_path: Path, one_is_known: bool) -> None:
     """Windows of the same kind of axis, three measurements, of one of which the preload was set, or of none."""
     plant, rng = Plant(AXES["small"], np.random.default_rng(8)), np.random.default_rng(9)

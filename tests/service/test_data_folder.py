@@ -66,8 +66,8 @@ def test_second_service_on_a_folder_is_refused_and_the_first_goes_on(api: Api) -
     assert api.accept("axis", simulated_measurement(np.random.default_rng(1), "m"))["accepted"] == 15
 
 
-def test_folder_is_free_again_after_a_kill(tmp_path: Path, start_server: Callable[..., ServerProcess]) -> None:
-    server = start_server(tmp_path, free_port())
+def test_folder_is_free_again_after_a_kill(tmp_path: Path, fork_server: Callable[..., ServerProcess]) -> None:
+    server = fork_server(tmp_path, free_port())
     server.wait_until_up()
     assert str(tmp_path) in refusal(tmp_path)
     server.process.kill()

@@ -20,8 +20,15 @@ def cut(file: Path) -> None:
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
 
 
-@pytest.mark.parametrize("harm", [flip, cut, Path.unlink])
-@pytest.mark.parametrize("restarted", [True, False])
+@pytest.mark.parametrize(
+    ("harm", "restarted"),
+    [
+        (flip, True),
+        (cut, False),
+        (Path.unlink, False),
+        *(pytest.param(*case, marks=pytest.mark.release) for case in ((flip, False), (cut, True), (Path.unlink, True))),
+    ],
+)
 def test_window_sent_again_heals_its_waveform(tmp_path: Path, harm: Callable[[Path], None], restarted: bool) -> None:
     rng = np.random.default_rng(13)
     windows = simulated_measurement(rng, "m", set_preload=300.0)

@@ -117,7 +117,7 @@ def errors_in_logs(folder: Path) -> list[str]:
     return [line for line in lines if '"level": "ERROR"' in line]
 
 
-@pytest.mark.parametrize(("n_kills", "n_measurements"), canary([(2, 40), (20, 120)]))
+@pytest.mark.parametrize(("n_kills", "n_measurements"), canary([(2, 30), (20, 120)]))
 def test_kills_lose_nothing_acknowledged(
     tmp_path: Path, fork_server: Callable[..., ServerProcess], n_kills: int, n_measurements: int
 ) -> None:

@@ -87,10 +87,10 @@ def _told(client: Client) -> dict[str, Any]:
 
 
 def test_the_last_will_says_that_a_service_was_killed(
-    broker: BrokerProcess, client: Client, tmp_path: Path, start_server: Callable[..., Any]
+    broker: BrokerProcess, client: Client, tmp_path: Path, fork_server: Callable[..., Any]
 ) -> None:
     path = receivers_file(tmp_path, broker)
-    server = start_server(tmp_path / "var", free_port(), PRELOAD_RECEIVERS_FILE=str(path))
+    server = fork_server(tmp_path / "var", free_port(), PRELOAD_RECEIVERS_FILE=str(path))
     server.wait_until_up()
     wait_until(lambda: [message.payload for message in client.of("preload/plant/status")] == [b"online"])
     server.process.kill()
@@ -281,13 +281,8 @@ def test_kills_of_the_broker_lose_and_double_no_notice(
 # --- without the extra -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["mqtt", "--url", "http://127.0.0.1:9"],
-        pytest.param(["serve", "--port", "0"], marks=pytest.mark.release),
-    ],
-)
+@pytest.mark.release
+@pytest.mark.parametrize("command", [["mqtt", "--url", "http://127.0.0.1:9"], ["serve", "--port", "0"]])
 def test_without_the_extra_a_sentence_says_what_installs_it(command: list[str], tmp_path: Path) -> None:
     path = receivers_file(tmp_path, BrokerProcess("amqtt", tmp_path))
     hidden = tmp_path / "paho"

@@ -23,6 +23,8 @@ from tests.service.conftest import Api, running_service
 from tests.service.test_lost_motion import reading, send
 from tests.service.test_notices import losing_preload
 
+#: On a machine that is busy a server takes half a minute to build its nodes, and seconds to answer.
+PATIENCE_S = 120.0
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - refused unless it is encrypted
 
 
@@ -59,7 +61,7 @@ def listens(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-async def until(holds: Callable[[], Any], seconds: float = 20.0) -> None:
+async def until(holds: Callable[[], Any], seconds: float = PATIENCE_S) -> None:
     async with asyncio.timeout(seconds):
         while not holds():
             await asyncio.sleep(0.02)
@@ -72,7 +74,7 @@ async def read(client: Client, name: str) -> ua.DataValue:
 
 
 async def read_until(client: Client, name: str, holds: Callable[[ua.DataValue], bool]) -> ua.DataValue:
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(PATIENCE_S):
         while not holds(value := await read(client, name)):
             await asyncio.sleep(0.05)
     return value
@@ -89,7 +91,7 @@ def test_a_client_reads_values_and_gets_an_alarm_and_its_end(tmp_path: Path) -> 
 async def _as_client(api: Api, alarm: int) -> None:
     axis = api.axis("axis")
     measured = axis["last_measurement"]
-    async with gateway(str(api.http.base_url)) as url, Client(url) as client:
+    async with gateway(str(api.http.base_url)) as url, Client(url, PATIENCE_S) as client:
         preload = await read_until(client, "Preload", lambda value: value.Value.Value is not None)
         assert preload.Value.Value == measured["preload_n"]
         assert preload.SourceTimestamp == datetime.fromisoformat(measured["started_at"])
@@ -135,21 +137,28 @@ async def _as_client(api: Api, alarm: int) -> None:
         api.http.post(f"/v1/alarms/{alarm}/acknowledge", json={"comment": "seen"}).raise_for_status()
         await until(lambda: getattr(subscriber.events[-1], "AckedState/Id", False))
         assert getattr(subscriber.events[-1], "ActiveState/Id") is True
-        shelf = {"until": text_of(now() + timedelta(seconds=3)), "comment": "spare part on its way"}
-        api.http.post(f"/v1/alarms/{alarm}/shelve", json=shelf).raise_for_status()
-        await until(lambda: subscriber.events[-1].SuppressedOrShelved is True)
+        # first until it has been seen: a gateway that is slow would not see a shelf that ends soon
+        for shelved in (timedelta(hours=1), timedelta(seconds=3)):
+            shelf = {"until": text_of(now() + shelved), "comment": "spare part on its way"}
+            api.http.post(f"/v1/alarms/{alarm}/shelve", json=shelf).raise_for_status()
+            await until(lambda: subscriber.events[-1].SuppressedOrShelved is True)
         await until(lambda: subscriber.events[-1].SuppressedOrShelved is False)
         api.http.post(f"/v1/alarms/{alarm}/clear", json={"comment": "new nut"}).raise_for_status()
         await until(lambda: getattr(subscriber.events[-1], "ActiveState/Id", True) is False)
         assert subscriber.events[-1].Retain is False
         assert subscriber.events[-1].NodeId == event.NodeId
-        assert len(subscriber.of(ua.ObjectIds.AlarmConditionType)) == 5
+        told = [
+            (getattr(event, "AckedState/Id"), event.SuppressedOrShelved)
+            for event in subscriber.of(ua.ObjectIds.AlarmConditionType)
+        ]
+        # the second shelf is a change of its own where it was seen before it ended
+        assert told in ([(False, False), (True, False), *n * [(True, True)], *2 * [(True, False)]] for n in (1, 2))
 
 
 @pytest.mark.release
 def test_without_the_service_no_value_counts(tmp_path: Path) -> None:
     async def check(api_url: str, stop: Callable[[], None]) -> None:
-        async with gateway(api_url) as url, Client(url) as client:
+        async with gateway(api_url) as url, Client(url, PATIENCE_S) as client:
             await read_until_known(client)
             assert (await read(client, "State")).StatusCode.is_good()
             stop()
@@ -163,7 +172,7 @@ def test_without_the_service_no_value_counts(tmp_path: Path) -> None:
 
 
 async def read_until_known(client: Client) -> None:
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(PATIENCE_S):
         while (await client.get_namespace_array()).count("urn:preload-monitor") == 0 or (
             await read(client, "State")
         ).StatusCode.name == "BadNodeIdUnknown":
@@ -225,10 +234,10 @@ def test_beyond_loopback_it_is_encrypted_and_asks_for_a_password(tmp_path: Path,
     async def check() -> None:
         async with gateway(str(api.http.base_url), **secured) as url:
             with pytest.raises(ua.UaError):
-                async with Client(url):
+                async with Client(url, PATIENCE_S):
                     pass
             for password, lets_in in (("wrong", False), ("right", True)):
-                client = Client(url)
+                client = Client(url, PATIENCE_S)
                 client.application_uri = "urn:preload:test"
                 await client.set_security_string(
                     f"Basic256Sha256,SignAndEncrypt,{tmp_path}/cert.pem,{tmp_path}/key.pem"

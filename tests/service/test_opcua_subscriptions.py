@@ -12,7 +12,7 @@ from service.gateways.opcua_nodes import Nodes
 from service.gateways.opcua_reading import AlarmSeen, AxisSeen, Reading
 from service.gateways.opcua_server import OpcuaSettings, new_server
 from tests.conftest import free_port
-from tests.service.test_opcua import Subscriber, seen, until
+from tests.service.test_opcua import PATIENCE_S, Subscriber, seen, until
 
 PERIOD_MS = 5
 #: As in a slow wear: 303 → 176 N over 45 measurements, with some scatter.
@@ -73,7 +73,7 @@ def check() -> Iterator[Check]:
 
         def run(axis: str, of: Callable[[Face], Coroutine[Any, Any, None]]) -> None:
             async def connected() -> None:
-                async with Client(f"opc.tcp://127.0.0.1:{settings.port}/preload") as client:
+                async with Client(f"opc.tcp://127.0.0.1:{settings.port}/preload", PATIENCE_S) as client:
                     await of(Face(nodes, client, axis))
 
             runner.run(connected())

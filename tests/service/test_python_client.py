@@ -15,20 +15,26 @@ import pyarrow.parquet as pq
 import pytest
 
 import preload_client
+from monitor_core.recording import Session
+from monitor_core.recordings.session_hdf5 import write_session
 from preload_client import Client, JobFailedError, ProblemError, UnreachableError, client
 from service.app import create_app
 from service.cli.remote.client import window_document
 from service.settings import Settings
 from tests.conftest import free_port
 from tests.service.conftest import Api, simulated_measurement
-
-SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.session.h5"
+from tests.service.uploads import recorded
 
 
 def test_it_brings_no_more_than_httpx() -> None:
     heavy = ("numpy", "fastapi", "pydantic", "sqlalchemy", "monitor_core", "service")
     code = f"import sys, preload_client; print([name for name in {heavy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.fixture(scope="module")
+def schemas() -> dict[str, Any]:
+    return create_app(Settings()).openapi()["components"]["schemas"]
 
 
 @pytest.mark.parametrize(
@@ -40,9 +46,8 @@ def test_it_brings_no_more_than_httpx() -> None:
         (preload_client.Job, "JobOut"),
     ],
 )  # fmt: skip
-def test_records_have_the_members_of_the_api(record: Any, schema: str) -> None:
-    stated = create_app(Settings()).openapi()["components"]["schemas"][schema]["properties"]
-    assert list(record.__annotations__) == list(stated)
+def test_records_have_the_members_of_the_api(schemas: dict[str, Any], record: Any, schema: str) -> None:
+    assert list(record.__annotations__) == list(schemas[schema]["properties"])
 
 
 @pytest.fixture(scope="module")
@@ -72,10 +77,12 @@ def test_windows_in_and_trend_out(service: Client, shared_api: Api, tmp_path: Pa
     assert pq.read_table(table)["preload_n"].to_pylist() == [point["preload_n"]]
 
 
-def test_an_upload_is_waited_for_with_its_progress(service: Client) -> None:
+def test_an_upload_is_waited_for_with_its_progress(service: Client, tmp_path: Path) -> None:
     service.register("saw", "Saw")
+    session = tmp_path / "saw.session.h5"
+    write_session(session, Session("saw", tuple(recorded(n_measurements=7))))
     seen: list[int] = []
-    job = service.wait(service.upload("saw", [SESSION]), lambda each: seen.append(each["done"]), every_s=0.01)
+    job = service.wait(service.upload("saw", [session]), lambda each: seen.append(each["done"]), every_s=0.01)
     assert seen == sorted(seen)
     assert seen[-1] == job["total"] > 0
     assert job in service.jobs("saw")

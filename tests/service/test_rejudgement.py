@@ -176,15 +176,7 @@ def test_a_dry_run_compares_and_changes_nothing(service: Api) -> None:
     assert done == result | {"dry_run": False}
 
 
-def test_until_it_is_done_the_old_values_are_stale_and_new_windows_count(
-    service: Api, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, windows: list[Window]
-) -> None:
-    more = simulated_measurement(
-        np.random.default_rng(77), "new", preload=240.0, started_at=START + timedelta(days=30), n_windows=3
-    )
-    late = simulated_measurement(
-        np.random.default_rng(78), "late", preload=300.0, started_at=START + timedelta(days=1, hours=3), n_windows=2
-    )
+def test_until_it_is_done_the_old_values_are_stale(service: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     with held_up(monkeypatch) as go_on:
         job = start(service, calibration=2)
         stale = {"job": job["id"], "calibration": 2}
@@ -195,11 +187,27 @@ def test_until_it_is_done_the_old_values_are_stale_and_new_windows_count(
         assert service.http.get("/v1/axes").json()["axes"][0]["stale"] == stale
         refused = service.http.post(f"/v1/axes/{AXIS}/rejudgements", json={"calibration": 1})
         assert job["id"] in assert_problem(refused, 409, "conflict")["detail"]
+        go_on()
+        assert ended(service, job)["status"] == "done"
+    assert service.axis(AXIS)["stale"] is None
+
+
+@pytest.mark.release
+def test_windows_that_come_meanwhile_count(
+    service: Api, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, windows: list[Window]
+) -> None:
+    more = simulated_measurement(
+        np.random.default_rng(77), "new", preload=240.0, started_at=START + timedelta(days=30), n_windows=3
+    )
+    late = simulated_measurement(
+        np.random.default_rng(78), "late", preload=300.0, started_at=START + timedelta(days=1, hours=3), n_windows=2
+    )
+    with held_up(monkeypatch) as go_on:
+        job = start(service, calibration=2)
         assert service.accept(AXIS, more)["measurements"][0]["calibration"] == 1
         service.accept(AXIS, late)  # still open when the rest is judged anew
         go_on()
         assert ended(service, job)["status"] == "done"
-    assert service.axis(AXIS)["stale"] is None
     service.accept(AXIS, late[:1], complete=True)
     with running_service(tmp_path / "new") as api:
         with_both(api, active=2)

@@ -394,6 +394,7 @@ def test_pace_is_what_a_year_of_the_same_would_take(tmp_path: Path) -> None:
         assert pace["gb_per_year"] == pytest.approx(du(tmp_path / "var" / "raw") * 36.525 / 1e9, rel=0.001)
 
 
+@pytest.mark.release
 def test_on_either_database(database_url: str, tmp_path: Path) -> None:  # noqa: F811 - the fixture
     with running_service(tmp_path / "var", database_url=database_url, **RULE) as api:
         history = lived(api)

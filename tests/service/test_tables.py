@@ -5,11 +5,9 @@ import io
 import json
 import re
 import sys
-import time
 import tracemalloc
 from collections.abc import Callable
 from datetime import datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,8 +28,8 @@ from service.store.database import Database
 from service.store.tables import AlarmEventRow, AlarmRow
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
 from tests.service.test_lost_motion import reading
+from tests.service.uploads import session_bytes, uploaded
 
-SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.session.h5"
 #: With the name of the list in JSON and the class of its records; windows have a format of their own.
 LISTS = {
     "/v1/axes/{axis}/trend": ("points", TrendPointOut),
@@ -48,7 +46,7 @@ EVIDENCE = {
 
 
 @pytest.fixture(scope="module")
-def filled(shared_api: Api) -> Api:
+def filled(shared_api: Api, tmp_path_factory: pytest.TempPathFactory) -> Api:
     """Fill a service with something of each kind."""
     shared_api.register("mill", axis_type="=1+1")
     shared_api.calibrate("mill")
@@ -58,10 +56,9 @@ def filled(shared_api: Api) -> Api:
         shared_api.accept("mill", windows, complete=True)
     lost = [reading(rng, number, measurement="=1") for number in range(7)]
     shared_api.http.post("/v1/axes/mill/lost-motion", json={"readings": lost}).raise_for_status()
-    with SESSION.open("rb") as file:
-        shared_api.http.post("/v1/axes/mill/recordings", files={"file": file}).raise_for_status()
-    while shared_api.http.get("/v1/jobs").json()["jobs"][0]["status"] != "done":
-        time.sleep(0.05)
+    windows = simulated_measurement(rng, "recorded", started_at=START.replace(year=2025), n_windows=3)
+    session = session_bytes(tmp_path_factory.mktemp("recorded"), windows)
+    uploaded(shared_api, ("mill.session.h5", session), axis="mill")
     database = Database(f"sqlite:///{shared_api.data_dir / 'preload.db'}")
     with database.write() as session:
         measurement = shared_api.trend("mill")[0]["measurement_id"]
