@@ -37,6 +37,13 @@ class FrequencyResponse:
                     f"coherence must have the shape of frequency {self.frequency.shape}; got {self.coherence.shape}"
                 )
 
+    def __repr__(self) -> str:
+        """Return it in a line: the quantity, its lines and band, and how much stands behind them."""
+        band = f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz" if self.frequency.size else "no line"
+        return (
+            f"FrequencyResponse of {self.quantity}: {self.frequency.size} lines, {band}, {self.n_averages:g} averages"
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineSpread:

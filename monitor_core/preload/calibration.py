@@ -145,6 +145,19 @@ class Calibration:
             object.__setattr__(self, "response_quantity", ResponseQuantity.ACCELERATION)
         _ = self.coefficients  # a calibration whose k3 is not positive cannot exist
 
+    def __repr__(self) -> str:
+        """Return it in four lines: what it rests on, where it holds, k1…k4 with standard uncertainties, residuals."""
+        ks = (self.parameter(name) for name in COEFFICIENT_NAMES)
+        k = [plus_minus(each.value, each.standard_uncertainty) for each in ks if each is not None]
+        rms = "no residual" if self.residual_rms is None else f"residual {self.residual_rms:.3g} Hz rms"
+        return (
+            f"Calibration of {self.n_readings} readings, {self.position.lower:g} to {self.position.upper:g} m, "
+            f"{self.preload.lower:g} to {self.preload.upper:g} N\n"
+            f"  k1 = {k[0]} s²/m², k2 = {k[1]} s²/m\n"
+            f"  k3 = {k[2]} s²·N^(1/3), k4 = {k[3]} s²\n"
+            f"  {rms}, weighting {self.weighting}"
+        )
+
     @property
     def coefficients(self) -> PreloadFeatureCoefficients:
         """k1…k4 at the reference payload and temperature."""

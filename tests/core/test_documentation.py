@@ -6,6 +6,7 @@ import importlib
 import inspect
 import os
 import pkgutil
+import pydoc
 import re
 import shutil
 import subprocess
@@ -240,6 +241,13 @@ def test_the_schema_that_folders_are_opened_from_and_the_one_they_get_are_told()
     page = text_of("how-to/data.md")
     assert f"The schema is of version {schema.VERSION}:" in page
     assert f"Folders of {schema.BASELINE}," in page
+
+
+def test_the_help_of_the_library_lists_its_public_names():
+    shown = pydoc.render_doc(monitor_core, renderer=pydoc.plaintext)
+    assert [name for name in monitor_core.__all__ if name not in shown] == []
+    assert all(f"\n    {name}(" in shown for name in ("calibrate", "identify", "explain"))
+    assert monitor_core.__version__ in text_of("../CITATION.cff")
 
 
 def test_every_public_name_of_the_library_is_in_its_reference():
