@@ -10,12 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 
 #: Relative distance on both sides of a zero at which it is counted.
 _AROUND = 1e-10
 #: A step of Newton's method from whose end the next would be lost in rounding; relative.
 _LAST_STEP = 1e-8
+#: The step before the last was so much longer, or the zero is a pair to Newton's method, and where it lies is counted.
+_MUCH_LONGER = 1e3
 #: Relative width of an interval in which nothing is left to be found.
 _ROUNDING = 4e-16
 #: Steps by Newton's method; what is not found by then is found by halving, until nothing is left of the interval.
@@ -50,10 +52,10 @@ def numbered_zeros(
 ) -> FloatArray:
     """Return the zeros of functions whose zeros can be counted, wherever the search starts; shape (n_zeros,).
 
-    Newton's method leads from ``start`` to a zero; the counts on both sides of it tell whether it is the one that is
-    sought. Until it is, all places that were looked at bound the interval in which that one lies, and the search goes
-    on from the middle of it where no step leads to it. So a zero is followed where it is near, and found where it is
-    not.
+    Newton's method leads from ``start`` to a zero; the count where its last step began, or where that is not sure those
+    on both sides of the zero, tell whether it is the one that is sought. Until it is, all places that were looked at
+    bound the interval in which that one lies, and the search goes on from the middle of it where no step leads to it.
+    So a zero is followed where it is near, and found where it is not.
 
     ``look`` takes places and what of ``which`` goes with them, and returns how many zeros lie below and f/f' there;
     ``count`` is the same without f/f'.
@@ -77,7 +79,10 @@ def numbered_zeros(
         inside = (some.low < place[going]) & (place[going] < some.high)
         here = np.where(inside, place[going], 0.5 * (some.low + some.high))
         if step < _MOST_NEWTON_STEPS:
-            (low, high), place[going], moved[going] = _stepped(some, here, *look(here, some.which))
+            before = np.where(np.isinf(moved[going]), _LAST_STEP * here, moved[going])
+            (low, high), place[going], moved[going], sure = _stepped(some, here, *look(here, some.which))
+            short = moved[going] <= np.minimum(_LAST_STEP * place[going], before / _MUCH_LONGER)
+            found[going] = sure & short
         else:
             passed = count(here, some.which) >= some.number
             low, high = np.where(passed, np.nan, here), np.where(passed, here, np.nan)
@@ -92,8 +97,10 @@ def numbered_zeros(
 
 def _stepped(
     zeros: NumberedZeros, place: FloatArray, below: Numbers, newton: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the places next to each zero, where a step to it ends, and how long that is; not a number without one.
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Return the places next to each zero, where a step to it ends, how long that is, and whether that leads there.
+
+    What there is not is not a number.
 
     A step forward leads to the zero behind those that lie below, one backward to the last of these: that from the
     place of a zero itself, or that from the place next to it, of another one.
@@ -102,7 +109,8 @@ def _stepped(
     own = (leads_to == zeros.number) | (lengths <= _AROUND * place)
     if np.all(own & (zeros.low <= ends) & (ends <= zeros.high)):  # as where each is followed from near by
         beyond = below >= zeros.number
-        return np.stack([np.where(beyond, np.nan, place), np.where(beyond, place, np.nan)]), ends, lengths
+        low_and_high = np.stack([np.where(beyond, np.nan, place), np.where(beyond, place, np.nan)])
+        return low_and_high, ends, lengths, leads_to == zeros.number
     order = np.lexsort((place, zeros.which))
     most = int(max(np.max(below), np.max(zeros.number))) + 2
     passed = np.maximum.accumulate((zeros.which * most + below)[order])
@@ -122,6 +130,7 @@ def _stepped(
         np.stack([low, high]),
         np.where(found, np.take_along_axis(ends, first, axis=0)[0], np.nan),
         np.where(found, np.take_along_axis(lengths, first, axis=0)[0], np.inf),
+        found & (first[0] == 0) & (leads_to == zeros.number),
     )
 
 

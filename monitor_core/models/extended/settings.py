@@ -68,6 +68,8 @@ def alike_in_terms(axes: Sequence[AxisPhysics]) -> list[_Index]:
 
 def side_by_side(axes: Sequence[AxisPhysics]) -> AxisPhysics:
     """Return axes of the same terms side by side; the axis itself where all are the same."""
+    if len(axes) == 1:
+        return axes[0]
     records: dict[str, object] = {}
     for name, names in _NAMES.items():
         table, first = _table(axes, name), getattr(axes[0], name)
