@@ -8,6 +8,7 @@ from monitor_core.recordings.check import FileReport
 from monitor_core.recordings.elements.fields import format_instant
 from monitor_core.recordings.raw.inspection import ChannelSummary
 from monitor_core.recordings.raw.proposal.entries import MapProposal
+from monitor_core.recordings.raw.proposal.file_facts import FileFacts
 from monitor_core.recordings.recognition import KINDS
 from service.documents.map_form import map_fields
 from service.documents.measurement import finite_or_null, members
@@ -18,9 +19,13 @@ _MOST_VALUES: Final = 500
 
 
 def file_check_document(
-    report: FileReport, problems: tuple[str, ...], *, lacks: str, proposal: MapProposal | None
-) -> JsonObject:
-    """Lay it out; ``lacks``: what a calibration from it would need; ``proposal``: a channel map, to fill in."""
+    report: FileReport, problems: tuple[str, ...], *, lacks: str, proposal: MapProposal | None,
+    files: tuple[FileFacts, ...] = (),
+) -> JsonObject:  # fmt: skip
+    """Lay it out; ``lacks``: what a calibration from it would need; ``proposal``: a channel map, to fill in.
+
+    ``files``: what each of several seems to be measured under.
+    """
     kind = KINDS.get(report.format)
     return {
         "format": report.format,
@@ -32,6 +37,7 @@ def file_check_document(
         "channels": [_channel(channel) for channel in report.channels[:_MOST_CHANNELS]],
         "lacks_for_calibration": lacks or None,
         "map": None if proposal is None else proposal.toml(),
+        "files": [asdict(facts) for facts in files],
         "map_form": None if proposal is None else [asdict(table) for table in map_fields(proposal)],
     }
 

@@ -63,6 +63,16 @@ def filled_map(tables: Sequence[FieldTable], values: Mapping[str, str]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def filled_files(names: Sequence[str], values: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the part of the map that says of each file what it was measured under, by the names of the entries."""
+    lines: list[str] = []
+    for name in names:
+        own = {entry: value for entry, value in values[name].items() if value}
+        lines += ["", "[[files]]", f"name = {json.dumps(name)}"]
+        lines += [f"{entry} = {_literal(value, quoted=False)}" for entry, value in own.items()]
+    return "\n".join(lines) + "\n"
+
+
 def _literal(value: str, *, quoted: bool) -> str:
     """Return a value as TOML writes it: numbers and moments as they are, all else as a text."""
     return json.dumps(value) if quoted or not _PLAIN.fullmatch(value) else value

@@ -1,6 +1,7 @@
 """``/axes/{axis}/import``: drop a file, see at once what is in it and what is missing, take its windows as a job."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from typing import Final
@@ -16,12 +17,14 @@ from service.api.access import needs
 from service.api.jobs import JobOut
 from service.api.recordings import receive, recording_out
 from service.api.services import Services, ServicesOf
-from service.documents.map_form import FieldTable, filled_map
+from service.documents.map_form import FieldTable, MapField, filled_files, filled_map
 from service.errors import ConflictError, ServiceError, status_of
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
 from service.operations.recordings.recordings import ImportArguments, RecordingView
+from service.web.forms import moment_of, number_of
 from service.web.site import Page, PageOf, done
+from service.web.words import CHOICES
 
 router = APIRouter(include_in_schema=False)
 
@@ -51,6 +54,22 @@ class Contents(BaseModel):
     what_it_shows: str = ""
 
 
+class FoundFile(BaseModel):
+    """What one of several files seems to be measured under."""
+
+    name: str
+    preload_n: float | None
+    payload_kg: float | None
+    position_mm: float | None
+    started_at: str | None
+    states_start: bool
+
+    def proposed(self, entry: str) -> str:
+        """Return what is proposed for an entry, as it stands in a field."""
+        value = getattr(self, entry)
+        return "" if value is None else value if isinstance(value, str) else f"{value:.10g}"
+
+
 class Found(BaseModel):
     """What the job that looks into files says, as far as the page shows it."""
 
@@ -63,6 +82,29 @@ class Found(BaseModel):
     lacks_for_calibration: str | None
     map: str | None
     map_form: list[FieldTable] | None = None
+    files: list[FoundFile] = []
+
+    @property
+    def columns(self) -> list[str]:
+        """What is asked of each of several files: the place, where no channel measures it, too."""
+        measured = any(table.name == "position" for table in self.map_form or [])
+        return ["preload_n", "payload_kg", *([] if measured else ["position_mm"]), "started_at"] if self.files else []
+
+    @property
+    def tables(self) -> list[FieldTable]:
+        """The fields of the map that all files have in common."""
+        return [
+            replace(table, fields=[self._in_common(field) for field in table.fields if not self._is_of_each(field.key)])
+            for table in self.map_form or []
+        ]
+
+    def _in_common(self, field: MapField) -> MapField:
+        """Return a field of all files: one start of all is not asked for where each has its own."""
+        return replace(field, required=False) if self.files and field.key == "window.started_at" else field
+
+    def _is_of_each(self, key: str) -> bool:
+        of_each = {f"window.{entry}" for entry in (*self.columns, "measurement") if entry != "started_at"}
+        return bool(self.files) and key in of_each
 
 
 @router.get("/axes/{axis}/import", dependencies=[needs(Scope.TRENDS_READ)])
@@ -103,14 +145,28 @@ def _take(axis: str, recording: int, form: FormData, page: Page, on: Services) -
     found, typed = _found(view), {key: value for key, value in form.items() if isinstance(value, str)}
     map_text = view.row.channel_map
     if found is not None and found.map_form is not None and map_text is None:
-        map_text = filled_map(found.map_form, typed)
+        map_text = filled_map(found.tables, typed)
     try:
+        if found is not None and found.files and view.row.channel_map is None:
+            map_text = f"{map_text}{_of_files(found, typed)}"
         on.recordings.take_kept(axis, recording, map_text)
     except ConflictError:
         raise
     except (ServiceError, MonitorCoreError) as error:
         return _recording_page(page, on, view, refusal=str(error), typed=typed, status=status_of(error)[0])
     return done(f"/axes/{axis}/import/{recording}", "import-begun")
+
+
+def _of_files(found: Found, typed: Mapping[str, str]) -> str:
+    """Return what was typed of each file, as the map says it; raises InvalidRequestError where it cannot be read."""
+    values: dict[str, dict[str, str]] = {}
+    for number, file in enumerate(found.files):
+        own = {entry: typed.get(f"files.{number}.{entry}", "").strip() for entry in found.columns}
+        at = moment_of(own.pop("started_at"), typed.get("zone", "UTC"))
+        numbers = {entry: number_of(text, f"{file.name}, {entry}") for entry, text in own.items()}
+        values[file.name] = {entry: "" if value is None else repr(value) for entry, value in numbers.items()}
+        values[file.name]["started_at"] = "" if at is None else at.isoformat()
+    return filled_files([file.name for file in found.files], values)
 
 
 def _upload_page(page: Page, axis: str, on: Services, *, refusal: str = "", status: int = 200) -> Response:
@@ -129,7 +185,7 @@ def _recording_page(
     status: int = 200
 ) -> Response:  # fmt: skip
     found = _found(view)
-    tables = found.map_form if found is not None and view.row.channel_map is None else None
+    tables = found.tables if found is not None and view.row.channel_map is None else None
     return page.show(
         "recording.html",
         status=status,
@@ -138,6 +194,7 @@ def _recording_page(
         job=JobOut.model_validate(view.job),
         found=found,
         tables=tables or [],
+        choices=CHOICES,
         typed=typed or {},
         refusal=refusal,
     )

@@ -67,6 +67,26 @@ CALLED: Final[dict[str, dict[str, str]]] = {
         "waveform-gone": N_("its waveform is gone"),
         "not-comparable": N_("at a place, payload or temperature that nothing is known of yet"),
     },
+    "entry": {
+        "axis_id": N_("Axis"), "channel": N_("Channel"), "quantity": N_("Quantity"), "unit": N_("Unit"),
+        "source": N_("Where it comes from"), "sensitivity": N_("Sensitivity"),
+        "sensitivity_unit": N_("Unit of the sensitivity"),
+        "column": N_("Column of the array"), "row": N_("Row of the array"), "lead_mm": N_("Way for a turn [mm]"),
+        "format": N_("How the times are written"), "date": N_("Channel of the date"), "zone": N_("Time zone"),
+        "started_at": N_("Begun"), "position_mm": N_("Position [mm]"), "preload_n": N_("Preload [N]"),
+        "payload_kg": N_("Payload [kg]"), "temperature_c": N_("Temperature [°C]"),
+        "position_span_mm": N_("Travel during a window [mm]"), "sample_rate_hz": N_("Sample rate [Hz]"),
+        "samples_per_window": N_("Samples of a window"), "windows_in": N_("Windows stand in"),
+        "window_interval_s": N_("From window to window [s]"), "file_interval_s": N_("From file to file [s]"),
+        "measurement": N_("Name of the measurement"), "separator": N_("Between columns"), "decimal": N_("Decimal mark"),
+        "header_row": N_("Row of the names"), "unit_row": N_("Row of the units"),
+        "first_row": N_("First row of numbers"),
+    },
+    "choice": {
+        "torque": N_("torque"), "force": N_("force"), "current": N_("current"), "acceleration": N_("acceleration"),
+        "sensor": N_("measured by a sensor"), "drive": N_("from the current of the motor"),
+        "commanded": N_("asked for by the control"), "rows": N_("rows"), "columns": N_("columns"),
+    },
     "setting": {
         "name": N_("Name"), "false_alarms_per_year": N_("False alarms a year"),
         "silent_after_hours": N_("Silent after (hours)"), "windows_per_measurement": N_("Windows of a measurement"),
@@ -75,6 +95,13 @@ CALLED: Final[dict[str, dict[str, str]]] = {
         "drive_model": N_("Drive model"),
     },
 }  # fmt: skip
+
+#: Entries of a channel map that are one of a few.
+CHOICES: Final = {
+    "excitation.quantity": ("torque", "force", "current", "acceleration"),
+    "excitation.source": ("sensor", "drive", "commanded"),
+    "window.windows_in": ("rows", "columns"),
+}
 
 
 @dataclass(frozen=True, slots=True)

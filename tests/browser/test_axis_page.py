@@ -1,7 +1,6 @@
 """One axis: what is above the fold, nothing false in any state, the trend at any age, the alarm in two clicks."""
 
 import re
-from urllib.parse import urlencode
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -166,11 +165,9 @@ def test_ranges_and_zoom_show_less_and_more(served: Site, visit: Visit) -> None:
 
 
 def test_refused_measurements_are_hollow_marks(served: Site, visit: Visit) -> None:
-    span = {"from": "2026-02-01T00:00:00Z", "to": "2026-02-04T00:00:00Z"}
-    page = visit(served.url, f"/axes/long?{urlencode(span)}")
-    points = served.api.trend("long", limit=100, **span)
-    shown = [point for point in points if point["set_preload_n"] is None]  # what was set on purpose is no history
-    assert page.locator("#preload-chart .wide a").count() == len(shown) < len(points) == 72
+    page = visit(served.url, "/axes/long?from=2026-02-01T00:00:00Z&to=2026-02-04T00:00:00Z")
+    # of 72 hours, without the one in fifty in which a preload was set on purpose
+    assert page.locator("#preload-chart .wide a").count() in (70, 71)
     refused = page.locator("#preload-chart .wide .mark.refused")
     assert refused.count() in (3, 4)
     assert refused.first.evaluate("mark => getComputedStyle(mark).fill") == "rgb(255, 255, 255)"

@@ -1,5 +1,8 @@
 """A recording is looked into at once, its channels are given a meaning in a form, and its windows are taken."""
 
+import re
+from collections.abc import Sequence
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +13,8 @@ from playwright.sync_api import expect
 from tests.browser.conftest import LOOKS, Site, Visit, violations
 from tests.browser.states import measure
 from tests.browser.test_fleet_page import small_targets, small_texts
-from tests.browser.test_new_axis_page import SESSION
-from tests.service.conftest import simulated_window
+from tests.browser.test_new_axis_page import MOST_CLICKS, SESSION, Hand
+from tests.service.conftest import START, axial_frequency, simulated_window
 
 RATE, N_SECONDS = 1024, 6
 
@@ -25,7 +28,6 @@ def samples(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
 
 def _somewhere() -> dict[str, object]:
     from monitor_core.recording import Conditions
-    from tests.service.conftest import START
 
     return {"started_at": START, "conditions": Conditions(0.5, 0.0, 21.5, None), "measurement": "m"}
 
@@ -80,6 +82,84 @@ def test_a_raw_file_is_taken_with_the_map_that_was_filled_in(
     assert trend["points"][-1]["position_mm"] == 250
     plan = fresh_service.api.http.get("/v1/axes/uncalibrated/calibration-plan").json()
     assert plan["measured"][0]["frequency_hz"] == pytest.approx(180.0, abs=0.5)
+
+
+def shop_files(folder: Path, preloads: Sequence[float], places_mm: Sequence[float]) -> list[Path]:
+    """Write a table for each preload and place, which only its name tells of, as a shop does."""
+    rng, paths = np.random.default_rng(6), list[Path]()
+    for preload in preloads:
+        for place in places_mm:
+            frequency = axial_frequency(preload, place * 1e-3)
+            windows = [simulated_window(rng, frequency, **_SOMEWHERE) for _ in range(N_SECONDS)]
+            torque, acceleration = (np.concatenate([getattr(w, name) for w in windows]) for name in CHANNELS)
+            at = START + timedelta(minutes=10 * len(paths))
+            paths.append(folder / f"{at:%Y-%m-%d_%H%M}_{preload:.0f}N_x{place:.0f}.csv")
+            table = np.column_stack([np.arange(torque.size) / RATE, torque, acceleration])
+            header = "Time [s],Motor torque [Nm],Acc nut [m/s2]"
+            np.savetxt(paths[-1], table, delimiter=",", header=header, comments="", fmt="%.6g")
+    return paths
+
+
+CHANNELS = ("excitation", "response")
+
+
+@pytest.mark.release
+@pytest.mark.parametrize("script", [True, False])
+def test_a_shop_calibrates_from_twenty_raw_files_in_ten_clicks(
+    fresh_service: Site, visit: Visit, tmp_path: Path, script: bool
+) -> None:
+    hand = Hand(page := visit(fresh_service.url, "/", script=script))
+    hand.click("link", "New axis")
+    hand.type("Name of the axis", "Mill 9, X")
+    hand.click("button", "Register")
+    hand.choose(shop_files(tmp_path, (100, 150, 200, 250, 300), (250, 400, 550, 700)))
+    hand.click("button", "Look into it")
+    sheet = page.locator(".sheet tbody tr")
+    for _ in range(60):
+        if script or sheet.count():
+            break
+        page.wait_for_timeout(1000)
+        page.reload()
+    expect(sheet).to_have_count(20)
+    expect(sheet.nth(6).locator("input").nth(0)).to_have_value("150")
+    expect(sheet.nth(6).locator("input").nth(2)).to_have_value("550")
+    assert not violations(page) if script else True
+    page.locator("[name='window.samples_per_window']").fill(str(RATE))
+    hand.click("button", "Import")
+    if not script:
+        page.wait_for_timeout(8000)
+        page.reload()
+    expect(page.locator("#taken")).to_contain_text(f"Imported: {20 * N_SECONDS} windows in 20 measurements")
+    plan = fresh_service.api.http.get("/v1/axes/mill-9-x/calibration-plan").json()
+    assert {(item["position_mm"], item["preload_n"]) for item in plan["measured"]} == {
+        (place, preload) for preload in (100, 150, 200, 250, 300) for place in (250, 400, 550, 700)
+    }
+    hand.click("link", "Calibrate")
+    hand.click("button", "Fit")
+    if not script:
+        page.wait_for_timeout(8000)
+        page.reload()
+    hand.click("link", "Review", timeout=60_000)
+    hand.click("button", "Put in force")
+    assert hand.clicks <= MOST_CLICKS
+
+
+def test_files_are_given_a_row_each_and_what_was_typed_stays(fresh_service: Site, visit: Visit, tmp_path: Path) -> None:
+    page = visit(fresh_service.url, "/axes/uncalibrated/import", allowed="the server responded with a status of 4")
+    page.locator("#file").set_input_files(shop_files(tmp_path, (200,), (300, 600)))
+    page.get_by_role("button", name="Look into it").click()
+    places = page.get_by_label(re.compile("Position"))
+    expect(places.first).to_have_value("300")
+    page.locator("[name='window.samples_per_window']").fill(str(RATE))
+    places.first.fill("three")
+    page.get_by_role("button", name="Import").first.click()
+    expect(page.get_by_role("alert")).to_contain_text("_x300.csv, position_mm: expected a number; got 'three'")
+    expect(places.first).to_have_value("three")
+    places.first.fill("310,5")
+    page.get_by_role("button", name="Import").first.click()
+    expect(page.locator("#taken")).to_contain_text(f"Imported: {2 * N_SECONDS} windows in 2 measurements")
+    plan = fresh_service.api.http.get("/v1/axes/uncalibrated/calibration-plan").json()
+    assert [(item["position_mm"], item["preload_n"]) for item in plan["measured"]] == [(310.5, 200), (600, 200)]
 
 
 @pytest.mark.parametrize(

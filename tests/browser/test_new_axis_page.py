@@ -29,7 +29,7 @@ class Hand:
         self.fields += 1
         self.page.get_by_label(label).first.fill(text)
 
-    def choose(self, path: Path) -> None:
+    def choose(self, path: Path | list[Path]) -> None:
         self.clicks += 2  # the button of the field, and the file in the browser's own dialogue
         self.page.locator("#file").set_input_files(path)
 

@@ -6,6 +6,7 @@ from typing import Final
 
 from monitor_core.errors import MissingReaderError
 from monitor_core.recordings.check import FileReport, check_file
+from monitor_core.recordings.raw.proposal.file_facts import file_facts
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.raw.proposal.parts import Made, made_of
 from monitor_core.recordings.recognition import KINDS, SESSION, UNKNOWN
@@ -13,14 +14,16 @@ from service.documents.file_check import file_check_document
 from service.json_types import JsonObject
 from service.operations.own_process import Progress
 
-#: So many files of one recording are read; the map of their channels is proposed by the first.
-_MOST_READ: Final = 20
+#: So many files of one recording are read; the map of their channels is proposed by the first. Of the others the names
+#: alone say what they were measured under.
+_MOST_READ: Final = 40
 
 
 def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], None]) -> JsonObject:
     """Return what is in the files, what is missing, and the map that is proposed for the channels of raw ones."""
     first: FileReport | None = None
     problems: list[str] = []
+    facts = [file_facts(path.name, None) for path in paths]
     read = paths[:_MOST_READ]
     for done, path in enumerate(read):
         report(Progress(done, len(paths)))
@@ -29,6 +32,7 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
         except MissingReaderError as error:
             return unreadable(path.name, str(error))
         problems += file_report.problems
+        facts[done] = file_facts(path.name, None if file_report.read is None else file_report.read.channels)
         if first is None:
             first = file_report
         elif file_report.format != first.format:
@@ -44,7 +48,9 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
     proposal = None
     if needs_map and first.read is not None:
         proposal = proposed_map(first.read.channels, first.read.layout).for_axis(axis_id)
-    return file_check_document(first, tuple(problems), lacks=first.lacks if first.valid else "", proposal=proposal)
+    lacks = first.lacks if first.valid else ""
+    files = tuple(facts) if proposal is not None and len(paths) > 1 else ()
+    return file_check_document(first, tuple(problems), lacks=lacks, proposal=proposal, files=files)
 
 
 def unreadable(name: str, problem: str) -> JsonObject:
