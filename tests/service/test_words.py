@@ -13,7 +13,7 @@ from babel.messages.pofile import read_po, write_po
 
 from service.documents.measurement import SHARES
 from service.documents.said import Said
-from service.web.shown import number, say, with_interval
+from service.web.shown import number, percent, say, with_interval
 from service.web.site import environment
 from service.web.words import LANGUAGES, words_for
 from tests.conftest import PROJECT_ROOT
@@ -149,6 +149,19 @@ def test_values_have_the_digits_that_their_interval_warrants() -> None:
 def test_what_people_wrote_is_escaped_in_a_sentence() -> None:
     said = Said("%(who)s did it", {"who": "<script>"})
     assert str(say(words_for("en"), said)) == "&lt;script&gt; did it"
+
+
+@pytest.mark.parametrize(
+    ("share", "english", "german"),
+    [
+        (0.894, "89 %", "89 %"),
+        (1.3e-17, "less than 0.01 %", "weniger als 0,01 %"),
+        (0.0, "0 %", "0 %"),
+        (1.01, "101 %", "101 %"),
+    ],
+)
+def test_a_share_of_next_to_nothing_is_said_to_be_that(share: float, english: str, german: str) -> None:
+    assert (percent(words_for("en"), share), percent(words_for("de"), share)) == (english, german)
 
 
 if __name__ == "__main__":
