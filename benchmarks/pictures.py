@@ -45,7 +45,8 @@ SHOWN = (
 
 def main() -> None:
     """Make the trial and photograph it."""
-    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+    path = next(filter(None, map(shutil.which, names)), None)
     if path is None:
         sys.exit("pictures of the pages need Chromium: apt-get install chromium")
     PICTURES.mkdir(exist_ok=True)
