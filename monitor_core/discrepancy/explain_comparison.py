@@ -40,7 +40,6 @@ from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
 
-_BELIEVED = (Outcome.NAMED, Outcome.EQUIVALENT, Outcome.PARTIAL)
 _UNCERTAIN, _SURE = (Outcome.UNKNOWN, Outcome.PARTIAL), (Outcome.NAMED, Outcome.EQUIVALENT)
 
 
@@ -242,19 +241,12 @@ def _named(
     found = judge_found(workspace, steps, alternatives=not lost)
     classes, final = classes_with_fit(found, workspace.candidates)
     # where something is missing no size is so well known that the mode would matter
-    if not lost and not judged_gap(final).exceeds_healthy and _has_names(found.baseline, final, classes):
+    if not lost and classes and not judged_gap(final).exceeds_healthy:
         final = at_mode(final)
     if not lost and has_lines(final.comparison.layout):
         pairs = zip(classes, found.accepted, strict=True)
         classes = tuple(_left_to_time(workspace, found, group, accepted) for group, accepted in pairs)
     return replace(found, final=final), classes
-
-
-def _has_names(baseline: Fitted[Physics], final: Fitted[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> bool:
-    """Return whether a name is believed of what was found, with the tolerances as stated or as they may be."""
-    remainder = remainder_of(final, counts_strain=True)
-    tried = (PULLS,) if follow_conditions(final) else (PULLS, PULLS_OF_TOLERANCES)
-    return any(_outcome(baseline, final, classes, remainder, each) in _BELIEVED for each in tried)
 
 
 def _left_to_time(
