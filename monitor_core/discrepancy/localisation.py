@@ -329,6 +329,12 @@ def holm(p_values: Sequence[float]) -> FloatArray:
     return corrected
 
 
+def ranks_of(values: FloatArray) -> FloatArray:
+    """Return the rank of each value from 1, the mean of theirs for equal ones (``scipy.stats`` takes long to load)."""
+    _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(counts) - 0.5 * (counts - 1))[which])
+
+
 def amount_trend_p_value(levels: FloatArray, along: FloatArray, squares: FloatArray) -> float:
     r"""Return the p-value of an amount of a signature that goes with the ranks of a condition.
 
@@ -337,7 +343,7 @@ def amount_trend_p_value(levels: FloatArray, along: FloatArray, squares: FloatAr
     that is the same everywhere. All arrays have shape (n_settings,); a level is NaN where it is not stated.
     """
     usable = np.isfinite(levels) & (squares > 0.0)
-    ranks, t, w = scipy.stats.rankdata(levels[usable]), along[usable], squares[usable]
+    ranks, t, w = ranks_of(levels[usable]), along[usable], squares[usable]
     if ranks.size < 2 or np.ptp(ranks) == 0.0:
         return 1.0
     a = ranks - np.average(ranks, weights=w)
@@ -445,7 +451,7 @@ def _worst_groups(grouping: Grouping, squares: FloatArray, of: BoolArray) -> tup
     if excess[worst] <= 0.0 or not parts[2].size:
         return 0.0, groups
     whole, hot, rest = (max(float(np.mean(part)), 1.0) for part in parts)
-    if scipy.stats.f.sf(hot / rest, parts[1].size, parts[2].size) > _DIFFERS:
+    if scipy.special.fdtrc(parts[1].size, parts[2].size, hot / rest) > _DIFFERS:
         return 0.0, groups
     terms = [part.size * np.log(variance) for part, variance in zip(parts, (whole, hot, rest), strict=True)]
     return 0.5 * float(terms[0] - terms[1] - terms[2]), groups

@@ -9,12 +9,15 @@ from scipy import stats
 
 from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.localisation import ranks_of
 from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.outcome import (
     LEAST_SHARE,
     PULLS,
     Remainder,
+    _chance_of_groups,
+    _chance_of_order,
     explained_share,
     follow_conditions,
     outcome_of,
@@ -250,3 +253,14 @@ def test_errors_that_nothing_tells_of_are_not_judged() -> None:
     comparison = LinearComparison(layout_of([3], 1.0), np.zeros((3, 1)), np.ones(3), np.array([[1.0] * 3, [0.0] * 3]))
     fitted = fit(comparison, Hypothesis(LinearAxis({}, 1)), np.zeros(0))
     assert list(variances_of_pulls(fitted)) == ["error 1"]
+
+
+def test_ranks_and_chances_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        values = np.round(rng.standard_normal(int(rng.integers(7, 20))), 1)
+        np.testing.assert_array_equal(ranks_of(values), stats.rankdata(values))
+        order = stats.spearmanr(np.arange(values.size), values).pvalue
+        assert _chance_of_order(values) == pytest.approx(order, rel=1e-9)
+        groups = [values[:3], values[3:4], values[4:] + 0.5]
+        assert _chance_of_groups(groups) == pytest.approx(stats.f_oneway(*groups).pvalue, rel=1e-9)

@@ -19,6 +19,7 @@ import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.localisation import ranks_of
 from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, STRAINED, are_pulled, variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
@@ -61,13 +62,31 @@ def _chances(fitted: Fitted[Physics]) -> Iterator[float]:
         known = np.isfinite(column)
         order = np.flatnonzero(known)
         if order.size > _FEWEST:
-            yield float(scipy.stats.spearmanr(order, column[known]).pvalue)
+            yield _chance_of_order(column[known])
         for axis in ConditionAxis:
             of_setting = levels_of(layout, axis)
             groups = [column[known & (of_setting == level)] for level in np.unique(of_setting[known])]
             groups = [group for group in groups if group.size]
             if 1 < len(groups) < np.count_nonzero(known):
-                yield float(scipy.stats.f_oneway(*groups).pvalue)
+                yield _chance_of_groups(groups)
+
+
+def _chance_of_order(values: FloatArray) -> float:
+    """Return the probability of Spearman's correlation with the order of values, were there none."""
+    correlation = float(np.corrcoef(np.arange(values.size), ranks_of(values))[0, 1])
+    freedom = values.size - 2
+    t = abs(correlation) * math.sqrt(freedom / max((1.0 - correlation) * (1.0 + correlation), 1e-300))
+    return float(2.0 * scipy.special.stdtr(freedom, -t))
+
+
+def _chance_of_groups(groups: Sequence[FloatArray]) -> float:
+    """Return the probability of the variance between groups over that within, were they of one mean."""
+    all_of_them, n_groups = np.concatenate(groups), len(groups)
+    within = sum(float(np.sum((group - group.mean()) ** 2)) for group in groups)
+    between = float(np.sum((all_of_them - all_of_them.mean()) ** 2)) - within
+    freedom = all_of_them.size - n_groups
+    ratio = between / (n_groups - 1) / max(within / freedom, 1e-300)
+    return float(scipy.special.fdtrc(n_groups - 1, freedom, ratio))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
