@@ -240,9 +240,10 @@ def varying(record: str, quantity: str, law: Law, *, key: str = "", name: str = 
     'varying:joints_nut_stiffness_excitation_linear'
     """
     words, variation = quantity.replace("_", " "), Variation(record, quantity, law)
+    what = f"The {words} varies with the {law.variable}"
     return Effect(
         key=key or f"varying:{record}_{quantity}_{law.variable}_{law.form}",
-        name=name or f"The {words} varies with the {law.variable}",
+        name=name or (f"Another {words} than stated" if law.variable is Variable.NOTHING else what),
         physics=f"The {words} is another one at each {law.variable}, by a law of the form {law.form}.",
         source="no source: a law that describes what was measured",
         parameters=law.parameters,

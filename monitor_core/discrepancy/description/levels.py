@@ -42,6 +42,8 @@ from monitor_core.models.extended import AxisPhysics
 
 #: Quantities that have a value at each level, and forms that are refitted in the place of those values.
 _AT_LEVELS, _FORMS = 6, 3
+#: Quantities that a variable is told by, of those that leave least where they vary freely.
+_SURE = 3
 _ANY: tuple[Variable | None, ...] = (None, *Variable)
 
 
@@ -86,7 +88,8 @@ def _answers_at_levels(
     """
     fitted, settings = base.fitted, fitted_settings(base.fitted)
     evidence = {each: evidence_of_variables(each, settings, scale_of(fitted, each).factor) for each in variations}
-    totals = {variable: sum(max(of_one.get(variable, 0.0), 0.0) for of_one in evidence.values()) for variable in _ANY}
+    sure = [of_one for of_one in evidence.values() if max(of_one.values()) > 0.0][:_SURE]
+    totals = {variable: sum(of_one.get(variable, 0.0) for of_one in sure) for variable in _ANY}
     variable = max(totals, key=lambda each: totals[each])
     going = [each for each in variations if variable and evidence[each].get(variable, 0.0) > 0.0]
     of_levels = [law_of_levels(each, variable, settings) for each in going[:_AT_LEVELS] if variable]

@@ -287,7 +287,7 @@ _FEWEST_LEVELS = {Form.LINEAR: 2, Form.POWER: 3, Form.SATURATING: 3, Form.QUADRA
                   Form.YIELDING: 4, Form.CLIPPED: 2, Form.STEP: 3, Form.DIP: 4}  # fmt: skip
 #: What is so at some levels alone; how many numbers of it, beside its coefficients, are chosen among levels.
 _LOCAL = {Form.CLIPPED: 0, Form.STEP: 1, Form.DIP: 2}
-_WIDTHS = (0.4, 0.7, 1.2)  # of a dip, of the distance of levels
+_PLACES, _WIDTHS = 4, (0.3, 0.45, 0.7, 1.1)  # of a dip: for each distance of levels, and of that
 _MOST_LEVELS, _KNOTS = 8, 5  # with a value of their own; of more levels, how many have one
 #: Coefficients that are tried; a refit finds what lies between them.
 _CHANGES = np.concatenate([-np.geomspace(0.02, 1.2, 14)[::-1], np.geomspace(0.02, 4.0, 16)])
@@ -367,16 +367,19 @@ def constant_law(variation: FreeVariation) -> TriedLaw:
 
 
 def law_of_levels(variation: FreeVariation, variable: Variable, settings: tuple[AxisSetting, ...]) -> TriedLaw:
-    """Return the law with a value at each level of a variable, at those that the settings ask for."""
+    """Return the law with a value at each level of a variable, at those that the settings ask for.
+
+    The reference is the level where it is nearest to what it is: a gain is right somewhere, and no tolerance moves it.
+    """
     x = np.array([variable.of(setting) for setting in settings])
     levels = _levels(x)
     knots = levels if levels.size <= _MOST_LEVELS else np.linspace(levels[0], levels[-1], _KNOTS)
-    middle = knots.size // 2
-    law = Law(variable, Form.LEVELS, float(knots[middle]), float(np.ptp(knots)), tuple(knots.tolist()))
     asked, variance = variation.asked
     near = np.array([np.interp(x, knots, row) for row in np.eye(knots.size)]).T
     values = np.linalg.lstsq(variance[:, None] ** -0.5 * near, variance**-0.5 * asked, rcond=None)[0]
-    changes = np.delete(np.expm1(values - values[middle]), middle)
+    own = int(np.argmin(np.abs(values)))
+    law = Law(variable, Form.LEVELS, float(knots[own]), float(np.ptp(knots)), tuple(knots.tolist()))
+    changes = np.delete(np.expm1(values - values[own]), own)
     return TriedLaw(variation, law, tuple(changes.tolist()), math.nan)
 
 
@@ -424,13 +427,14 @@ def _laws(settings: tuple[AxisSetting, ...], lead: float, of_levels: Variable | 
 
 
 def _at_places(variable: Variable, form: Form, levels: FloatArray) -> Iterator[Law]:
-    """Yield steps between levels, or dips of several widths at them and between them."""
-    between, halves = 0.5 * (levels[1:] + levels[:-1]), 0.5 * np.diff(levels)
+    """Yield steps between levels, or dips of several widths at many places."""
     if form is Form.STEP:
-        yield from (Law(variable, form, *pair) for pair in zip(between.tolist(), halves.tolist(), strict=True))
+        for low, high in itertools.pairwise(levels.tolist()):
+            yield Law(variable, form, 0.5 * (low + high), 0.5 * (high - low))
         return
-    apart = float(np.mean(np.diff(levels)))
-    for place, width in itertools.product([*levels.tolist(), *between.tolist()], _WIDTHS):
+    n = min(levels.size - 1, _MOST_LEVELS)
+    apart = float(np.ptp(levels)) / n
+    for place, width in itertools.product(np.linspace(levels[0], levels[-1], _PLACES * n + 1).tolist(), _WIDTHS):
         yield Law(variable, form, place, width * apart)
 
 
