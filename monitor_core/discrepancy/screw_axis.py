@@ -24,7 +24,7 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.extended import AxisPhysics, moving_mass
-from monitor_core.models.protocol import DriveConditions, ResponsePoint
+from monitor_core.models.protocol import DriveConditions, ResponsePoint, require_position
 
 #: Of what a turn of the motor moves the table by, over the lead: a gear or a belt before a screw may make less of it.
 _OTHER_TRAVEL = 3.0
@@ -113,7 +113,12 @@ def _travels_per_angle(at: Mapping[ResponsePoint, FrequencyResponseObservation])
 
 
 def _along(axis: AxisPhysics, tolerances: Mapping[str, float], measured: Measured) -> AgainstScrew | None:
-    """Return whether the first frequency stands still along the travel, or goes the other way."""
+    """Return whether the first frequency stands still along the travel, or goes the other way.
+
+    Raises OutsideValidityError if a position is not on the screw that is described.
+    """
+    for conditions, _ in _lowest(measured):
+        require_position(conditions.position, axis.screw.length)
     position, ln_frequency, deviation = _first_frequencies(measured)
     if position.size < _FEWEST_POSITIONS:
         return None

@@ -7,9 +7,10 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.proposal import propose
+from tests.conftest import canary
 
 
-@pytest.mark.parametrize("number", range(7))
+@pytest.mark.parametrize("number", canary(range(7)))
 def test_a_labview_spreadsheet_is_read_with_the_layout_that_is_proposed(measured_data, number):
     path = measured_data / "dropbear" / f"slow10_test{number}.txt"
     with pytest.raises(RecordingFormatError, match="5 rows above its names, a row of units and rows between"):

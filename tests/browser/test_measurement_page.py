@@ -77,6 +77,7 @@ def test_the_neighbours_are_one_click_away(served: Site, visit: Visit, script: b
     page.wait_for_url(here)
 
 
+@pytest.mark.release
 def test_arrow_keys_lead_to_the_neighbours(served: Site, visit: Visit) -> None:
     page = visit(served.url, path(served))
     here = page.url
@@ -86,6 +87,7 @@ def test_arrow_keys_lead_to_the_neighbours(served: Site, visit: Visit) -> None:
     page.wait_for_url(here)
 
 
+@pytest.mark.release
 def test_windows_are_downloaded(served: Site, visit: Visit) -> None:
     page = visit(served.url, path(served))
     with page.expect_download() as started:
@@ -126,6 +128,7 @@ def test_it_speaks_german(served: Site, visit: Visit) -> None:
     expect(page.locator("#ladder h2")).to_have_text("Von Hertz zu Newton")
 
 
+@pytest.mark.release
 def test_it_is_small_and_prints(served: Site, visit: Visit) -> None:
     page = visit(served.url, path(served))
     assert bytes_of(page) < 100_000

@@ -48,6 +48,7 @@ def wait_for(site: Site, job: str, seconds: float = 120.0) -> dict[str, object]:
     raise AssertionError(f"job {job} did not end within {seconds} s")
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("size", "theme"), LOOKS)
 def test_everybody_can_read_the_offer(empty_service: Site, visit: Visit, size: str, theme: str) -> None:
     assert not violations(visit(empty_service.url, "/", size, theme))

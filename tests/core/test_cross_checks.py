@@ -39,6 +39,7 @@ def healthy() -> Truth:
     return case_session(MEDIUM, CASES["healthy"], np.random.default_rng([53, 1]), day=0)
 
 
+@pytest.mark.release
 def test_no_measurement_that_contradicts_itself_is_silent_and_outside(calibration: Calibration, healthy: Truth) -> None:
     wrong = []
     names = healthy.session.measurements

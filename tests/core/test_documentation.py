@@ -268,7 +268,7 @@ def test_every_page_is_in_the_navigation_of_the_site():
 
 # --- the guided tours ------------------------------------------------------------------------------------------------
 
-TOURS = ["reference/http-api.md", "how-to/python-client.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
+TOURS = ["how-to/python-client.md", "reference/http-api.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
 
 
 def examples_of_the_tour(page: str) -> Iterator[tuple[str, str]]:

@@ -19,6 +19,8 @@ from tests.hidden_effects.write_example import (
     truth_text,
 )
 
+pytestmark = pytest.mark.release  # an explanation is in `make test` with the tests of the search
+
 
 @pytest.fixture(scope="module")
 def explanation():
@@ -35,7 +37,6 @@ def test_files_are_small_and_what_the_plant_gives() -> None:
         np.testing.assert_allclose(observation.response, frf.response, rtol=1e-9)
 
 
-@pytest.mark.release
 def test_what_is_hidden_is_found_with_its_size(explanation) -> None:
     truth = tomllib.loads((FOLDER / "truth.toml").read_text(encoding="utf-8"))["effects"]
     assert explanation.outcome == "named"
@@ -47,7 +48,6 @@ def test_what_is_hidden_is_found_with_its_size(explanation) -> None:
     assert explanation.gap.after.held_out < 1.05 * explanation.gap.noise_floor < explanation.gap.before.held_out
 
 
-@pytest.mark.release
 def test_readme_states_truth_and_estimate(explanation) -> None:
     """In the digits that are printed; another processor may round the last one otherwise."""
     (effect,) = explanation.effects
@@ -64,7 +64,6 @@ def test_readme_states_truth_and_estimate(explanation) -> None:
         assert float(uncertainty) == pytest.approx(estimate.standard_uncertainty, rel=0.3)
 
 
-@pytest.mark.release
 def test_picture_of_the_readme_is_that_of_the_report(explanation) -> None:
     stored, now = PICTURE.read_text(encoding="utf-8"), drawn(explanation)
     assert re.sub(r"[\d.]+", "", stored) == re.sub(r"[\d.]+", "", now)

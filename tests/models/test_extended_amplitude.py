@@ -345,7 +345,10 @@ def test_what_was_asked_before_does_not_change_the_answer() -> None:
             np.testing.assert_allclose(responses(axis, lines), response_of(axis, case), rtol=1e-7)
 
 
-@pytest.mark.parametrize("excited", [FEW_LINES, FEW_LINES[:1]], ids=["a band", "one line"])
+@pytest.mark.parametrize(
+    "excited",
+    [pytest.param(FEW_LINES, id="a band", marks=pytest.mark.release), pytest.param(FEW_LINES[:1], id="one line")],
+)
 def test_neighbours_that_were_asked_before_do_not_change_the_answer(excited) -> None:
     """Other masses, positions and levels on the same lines, near and far: as on lines that were asked nothing yet."""
     physics, level, rng = soft_nut(), 1.0, np.random.default_rng(6)

@@ -85,7 +85,10 @@ class Firmer:
         return replace(axis, joints=replace(axis.joints, bearing_stiffness=stiffness))
 
 
-@pytest.mark.parametrize("by_setting", [(), (Firmer(),)], ids=["alike", "by setting"])
+@pytest.mark.parametrize(
+    "by_setting",
+    [pytest.param((), id="alike", marks=pytest.mark.release), pytest.param((Firmer(),), id="by setting")],
+)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_number_of_a_full_axis_has_its_slope(family, by_setting):
     axis, lines = replace(full(family), by_setting=by_setting), lines_of(family)

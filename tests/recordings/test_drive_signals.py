@@ -26,7 +26,7 @@ from monitor_core.recordings.raw.proposal.sampling import period_of
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from monitor_core.session import judge_session
 from service.documents.map_form import filled_map, map_fields
-from tests.conftest import PROJECT_ROOT
+from tests.conftest import PROJECT_ROOT, canary
 
 RATE, LEAD, KT = 2000.0, 0.012, 0.35  # [Hz], [m], [N·m/A]
 STAGE = PROJECT_ROOT.parent / "shared/data/measured/feed_drive/DhresL_m40pR.mat"
@@ -449,10 +449,12 @@ def commands(preload, folder, raw, band, **known):
 
 @pytest.mark.parametrize(
     ("number", "log"),
-    [
-        (0, {"band": (11.0, 300.0), "n_periods": 20}),
-        (1, {"band": (302.0, 800.0), "period": 400, "n_periods": 50}),
-    ],
+    canary(
+        [
+            (0, {"band": (11.0, 300.0), "n_periods": 20}),
+            (1, {"band": (302.0, 800.0), "period": 400, "n_periods": 50}),
+        ]
+    ),
 )
 def test_the_two_modes_of_a_log_come_from_the_file_in_two_commands(preload, tmp_path, number, log):
     """A control that writes nothing but numbers in nanometres: the multisines of a laboratory, each over one mode."""
@@ -469,7 +471,7 @@ def test_the_two_modes_of_a_log_come_from_the_file_in_two_commands(preload, tmp_
     assert abs(found["frequency_hz"] - truth) < (0.3, 3.0)[number]
 
 
-@pytest.mark.parametrize(("every", "precision"), [(1, np.float64), (2, np.float64), (2, np.float32)])
+@pytest.mark.parametrize(("every", "precision"), canary([(2, np.float32), (1, np.float64), (2, np.float64)]))
 def test_a_commanded_multisine_holds_nothing_between_its_lines_and_still_shows_the_mode(tmp_path, every, precision):
     """What was commanded has no noise: between its lines, and above its band, it is zero but for rounding."""
     commanded, _, table = drive_log(n_periods=20, noise=2e-9, every=every, of_current=0.0)

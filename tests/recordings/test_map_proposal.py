@@ -433,7 +433,13 @@ NAMES, UNITS = ("Zeit", "Kraft", "Beschleunigung"), ("s", "N", "m/s²")
     ],
     ids=["titles", "units", "a line", "units in names"],
 )
-@pytest.mark.parametrize("others", [[], [("Notes", [("made by", "Meyer")], False)]], ids=["one sheet", "two sheets"])
+@pytest.mark.parametrize(
+    "others",
+    [
+        pytest.param([], id="one sheet", marks=pytest.mark.release),
+        pytest.param([("Notes", [("made by", "Meyer")], False)], id="two sheets"),
+    ],
+)
 def test_rows_of_a_workbook_are_proposed_as_those_of_a_text(tmp_path, above, text, others):
     """Without the proposal the reader refuses each of them; with it, the samples are those written."""
     raw = xlsx(tmp_path / "mill-3-x.xlsx", *others, ("Data", above, True))

@@ -449,7 +449,9 @@ def test_the_map_of_a_form_that_nobody_touched_is_the_proposal(tmp_path: Path, m
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [("a.csv", b""), ("b.txt", b"dear diary"), ("c.session.h5", b"\x89HDF\r\n\x1a\n"), ("d.toml", b'axis_id = "x"')],
+    canary(
+        [("b.txt", b"dear diary"), ("a.csv", b""), ("c.session.h5", b"\x89HDF\r\n\x1a\n"), ("d.toml", b'axis_id = "x"')]
+    ),
 )
 def test_a_file_that_holds_no_windows_says_what_was_expected(api: Api, name: str, content: bytes) -> None:
     number, job = upload(api, (name, content))

@@ -155,6 +155,7 @@ def _assert_augmented_model_is_the_axis(preload: Callable[..., Any], out: Path, 
     assert abs(frequencies[baseline][1]["frequency_hz"] / truth[1] - 1.0) > 0.01
 
 
+@pytest.mark.release
 def test_people_read_verdict_values_gaps_and_candidates(preload: Any, responses: Path, baseline: Path) -> None:
     answer = preload("explain", responses, "--baseline", baseline)
     assert (answer.exit_code, answer.err) == (0, "")

@@ -36,7 +36,11 @@ def measure(api: Api, days: range, preloads: list[float], *, stated: bool = True
         api.accept("mill", windows)
 
 
-@pytest.mark.parametrize("falling", [True, False], ids=["stated", "unstated"], indirect=True)
+@pytest.mark.parametrize(
+    "falling",
+    [pytest.param(True, id="stated"), pytest.param(False, id="unstated", marks=pytest.mark.release)],
+    indirect=True,
+)
 def test_it_is_said_until_somebody_has_looked_and_nothing_of_it_is_learnt(
     falling: Api, request: pytest.FixtureRequest
 ) -> None:

@@ -221,7 +221,10 @@ def reading_for_ever(session_file: Path, tmp_path: Path) -> tuple["subprocess.Po
     return process, int(place.read_text())
 
 
-@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["the command", "the terminal"])
+@pytest.mark.parametrize(
+    "send",
+    [pytest.param(os.kill, id="the command", marks=pytest.mark.release), pytest.param(os.killpg, id="the terminal")],
+)
 def test_ctrl_c_ends_the_command_and_its_reader(
     reading_for_ever: tuple["subprocess.Popen[str]", int], send: Callable[[int, int], None]
 ) -> None:

@@ -84,7 +84,7 @@ def as_bytes(document: object) -> bytes:
 
 @pytest.fixture(scope="module")
 def windows() -> list[Window]:
-    return history(5, 40)
+    return history(5, 28)
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,7 @@ def test_it_says_what_a_new_service_says_byte_for_byte(service: Api, under_secon
     before = said_of(service)
     assert as_bytes(before) != as_bytes(under_second)
     job = ended(service, start(service, calibration=2))
-    assert (job["status"], job["done"], job["total"]) == ("done", 41, 41)  # one has a window elsewhere, on its own
+    assert (job["status"], job["done"], job["total"]) == ("done", 29, 29)  # one has a window elsewhere, on its own
     assert as_bytes(said_of(service)) == as_bytes(under_second)
     column = job["result"]["new"]
     assert column["n_alarms"] == 1
@@ -311,7 +311,7 @@ def test_it_goes_on_after_kill_9(
             return int(database.execute("SELECT count(*) FROM rejudged_measurements").fetchone()[0])
 
     def is_half_way() -> bool:
-        return 0 < n_aside() < 40
+        return 0 < n_aside() < 28
 
     job: dict[str, Any] | None = None
     for is_time in (lambda: True, is_half_way, lambda: True):  # before anything, half way, and at once after it

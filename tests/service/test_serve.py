@@ -56,14 +56,12 @@ def test_database_that_is_not_there_ends_the_start(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_address_is_printed_once_the_service_listens(
-    tmp_path: Path, start_server: Callable[..., ServerProcess]
-) -> None:
+def test_address_is_printed_once_the_service_listens(tmp_path: Path, fork_server: Callable[..., ServerProcess]) -> None:
     """A start that takes long, here because the database is locked, does not name an address that nobody answers."""
     Database(f"sqlite:///{tmp_path}/preload.db").migrate()
     with closing(sqlite3.connect(tmp_path / "preload.db")) as holder:
         holder.execute("BEGIN IMMEDIATE")
-        server = start_server(tmp_path, free_port())
+        server = fork_server(tmp_path, free_port())
         while "Started server process" not in server.log.read_text():
             time.sleep(0.05)
         time.sleep(0.5)
