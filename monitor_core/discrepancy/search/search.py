@@ -274,7 +274,7 @@ def _best_addition(workspace: Workspace[Physics], current: Fitted[Physics]) -> F
     for rival in rivals_at(workspace, current):
         scale = evidence_scale(rival.fitted)
         if delta_bic(current, rival.fitted, scale) < workspace.least_evidence(current, rival.effect):
-            return None
+            continue  # less is asked of a parameter that is pulled beyond belief, though another explains more
         another = is_another(rival.fitted, rival.fitted.hypothesis.effects[-1])
         if not another and holds(workspace, current, rival.fitted, scale):
             return rival.fitted
