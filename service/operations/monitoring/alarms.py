@@ -178,7 +178,8 @@ def explanation_now(session: Session, row: AlarmRow) -> JsonObject:
     if cause.examined or cause.reason in (NotExamined.REFUSED, NotExamined.LOST_MOTION):
         return row.explanation
     if row.status not in alarms.OPEN:
-        return not_examined(NotExamined.CLOSED)
+        waited = cause.reason in (NotExamined.NOT_YET, NotExamined.TOO_FEW_POSITIONS)
+        return not_examined(NotExamined.CLOSED) if waited else row.explanation
     if read_evidence(row.evidence).baseline_started_at is None:
         return not_examined(NotExamined.NO_BASELINE)
     if get_axis(session, row.axis_id).configuration.get("drive_model") is None:
