@@ -268,7 +268,13 @@ def test_every_page_is_in_the_navigation_of_the_site():
 
 # --- the guided tours ------------------------------------------------------------------------------------------------
 
-TOURS = ["how-to/python-client.md", "reference/http-api.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
+TOURS = [
+    "how-to/python-client.md",
+    "how-to/access.md",
+    "reference/http-api.md",
+    "tutorial/first-axis.md",
+    "tutorial/your-own-data.md",
+]
 
 
 def examples_of_the_tour(page: str) -> Iterator[tuple[str, str]]:
@@ -297,7 +303,13 @@ def test_the_tour_answers_what_it_shows(tmp_path, page):
     (tmp_path / ".venv").symlink_to(sys.prefix)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with embedded_service(Settings(data_dir=tmp_path / "var", port=0)) as url:
-        environment = os.environ | {"URL": url, "PATH": path, "NO_PROXY": "127.0.0.1", "COLUMNS": "200"}
+        environment = os.environ | {
+            "URL": url,
+            "PATH": path,
+            "NO_PROXY": "127.0.0.1",
+            "PASSWORD": "of-anna-alone",
+            "COLUMNS": "200",
+        }
         for command, expected in examples_of_the_tour(page):
             answer = subprocess.run(
                 ["bash", "-c", command],
