@@ -14,6 +14,8 @@ ENDINGS = {
     "table": (".csv",),
     "channel map": (".toml",),
     "page": (".html", ".htm"),
+    "transfer matrix": (".csv", ".svg"),
+    "state space": (".mat",),
 }
 
 

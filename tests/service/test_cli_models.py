@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 
 from monitor_core.effects import Form, Law, Variable, at_port, varying
 from monitor_core.models.protocol import MotorEnd
@@ -108,6 +109,74 @@ def test_modes_depend_on_motor_end_preload_and_payload(preload: Any) -> None:
 def test_numbers_after_an_equals_sign_were_an_unexpected_argument(preload: Any, words: tuple[Any, ...]) -> None:
     document = preload("modes", MODELS / "hybrid.toml", *words, "--json").json()
     assert [place["position_mm"] for place in document["positions"]] == [300.0, 400.0]
+
+
+def test_the_transfer_matrix_is_written_drawn_and_printed(preload: Any, tmp_path: Path) -> None:
+    """Zeros of Sun's axis without damping, recomputed from Table 1: 252.1 Hz of G11, 156.0 Hz of G22; none of G12."""
+    words = ("modes", MODELS / "hybrid.toml", "--position-mm", 300, "--show", "matrix", "--band-hz", 20, 900)
+    assert "296.85 Hz" in preload(*words, "--out", tmp_path / "g.csv").out
+    with (tmp_path / "g.csv").open(encoding="utf-8") as stream:
+        lines = np.loadtxt(stream, delimiter=",", skiprows=1)
+    frequency, elements = lines[:, 0], lines[:, 1:].copy().view(complex)
+    lowest = frequency[10:-10][np.argmin(np.abs(elements[10:-10]) * frequency[10:-10, None] ** 2, axis=0)]
+    assert lowest[[0, 3]] == pytest.approx([252.1, 156.0], rel=0.02)  # the least with damping is not the zero itself
+    np.testing.assert_allclose(elements[:, 1], elements[:, 2], rtol=1e-9)  # reciprocity
+    document = preload(*words, "--json").json()
+    printed = [complex(*pair) for pair in zip(*document["matrix_m_per_n"]["G22"].values(), strict=True)]
+    modulus = np.interp(document["frequency_hz"], frequency, np.abs(elements[:, 3]))
+    np.testing.assert_allclose(np.abs(printed), modulus, rtol=1e-3)
+    preload(*words, "--out", tmp_path / "g.svg")
+    drawn = PROJECT_ROOT / "docs" / "figures" / "transfer-matrix.svg"
+    assert (tmp_path / "g.svg").read_text(encoding="utf-8") == drawn.read_text(encoding="utf-8")
+
+
+def test_the_state_space_of_a_mat_file_answers_as_the_model_within_its_stated_error(
+    preload: Any, tmp_path: Path
+) -> None:
+    words = ("modes", MODELS / "hybrid.toml", "--position-mm", 300, "--band-hz", 20, 900, "--show")
+    preload(*words, "matrix", "--out", tmp_path / "g.csv")
+    preload(*words, "state-space", "--out", tmp_path / "plant.mat")
+    plant = scipy.io.loadmat(tmp_path / "plant.mat")
+    with (tmp_path / "g.csv").open(encoding="utf-8") as stream:
+        lines = np.loadtxt(stream, delimiter=",", skiprows=1)
+    exact = lines[:, 1:].copy().view(complex).reshape(-1, 2, 2)
+    s = 2j * np.pi * lines[:, 0, None, None]
+    reduced = plant["C"] @ np.linalg.inv(s * np.eye(4) - plant["A"]) @ plant["B"] + plant["D"]
+    apart = np.linalg.svd(exact - reduced)[1][:, 0] / np.linalg.svd(exact)[1][:, 0]
+    assert plant["largest_relative_error"].item() == pytest.approx(apart.max(), rel=1e-6)
+    assert apart.max() < 0.03
+    document = preload(*words, "state-space", "--json", "--modes", 1).json()
+    assert (len(document["A"]), document["largest_relative_error"] > 0.5) == (2, True)  # not over the elastic mode
+    assert "2.8 %" in preload(*words, "state-space").out
+
+
+def test_laws_of_fig_7_with_range_and_residual(preload: Any) -> None:
+    """Residuals recomputed from Table 1 without loss factor: 0.076 Hz along the screw; 0.025, 0.24, 2.3 Hz by mass."""
+    words = ("modes", MODELS / "hybrid.toml", "--show", "laws", "--position-mm", 300)
+    along, by_mass = preload(*words, 50, 700, "--payload-kg", 10, "--json").json()["laws"]
+    assert (along["range"], len(along["coefficients_hz"])) == ([0.05, 0.7], 3)
+    assert along["largest_residual_hz"] == pytest.approx(0.076, abs=0.001)
+    assert np.polyval(along["coefficients_hz"][::-1], [0.05, 0.7]) == pytest.approx([318.2, 268.9], abs=0.4)
+    assert by_mass["largest_residual_hz"] == pytest.approx(0.025, abs=0.003)
+    for payload, residual in ((20, 0.24), (50, 2.3)):
+        (law,) = preload(*words, "--payload-kg", payload, "--json").json()["laws"]
+        assert law["largest_residual_hz"] == pytest.approx(residual, rel=0.15)
+    assert "0.05 to 0.7 m" in preload(*words, 50, 700).out
+
+
+@pytest.mark.parametrize(
+    ("model", "words", "complaint"),
+    [
+        ("receptance", ("--show", "matrix"), "of the family hybrid"),
+        ("hybrid", ("--show", "matrix", "--motor-end", "clamped"), "with a free motor end"),
+        ("hybrid", ("--show", "matrix", "--band-hz", 900, 20), "LOW before HIGH"),
+        ("hybrid", ("--show", "state-space", "--modes", 3), "must be 1 to 2"),
+        ("hybrid", ("--show", "laws"), "two positions or more"),
+        ("hybrid", ("--out", "g.csv"), "--out goes with --show"),
+    ],
+)
+def test_what_a_drive_cannot_show_is_refused(preload: Any, model: str, words: tuple[Any, ...], complaint: str) -> None:
+    assert_refused(preload("modes", MODELS / f"{model}.toml", "--position-mm", 300, *words), complaint)
 
 
 # --- simulate --------------------------------------------------------------------------------------------------------

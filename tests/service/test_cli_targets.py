@@ -10,6 +10,7 @@ import pytest
 import service.cli.calibrate
 import service.cli.explain
 import service.cli.identify
+import service.cli.modes
 import service.cli.simulate
 from tests.service.test_cli import assert_refused
 
@@ -30,6 +31,7 @@ COMMANDS = {
     ),
     "explain": (("explain", "axis.session.h5", "--baseline", MODEL, "--out"), ".toml"),
     "simulate": (("simulate", MODEL, "--out"), ".h5"),
+    "modes": (("modes", MODEL, "--position-mm", 500, "--show", "state-space", "--out"), ".mat"),
 }  # fmt: skip
 
 
@@ -45,6 +47,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         service.cli.identify: ("responses_of_data", "read_modal_table", "identify_joints"),
         service.cli.explain: ("responses_of_data", "read_modal_table", "explain_axis"),
         service.cli.simulate: ("built_model", "simulate_measurements"),
+        service.cli.modes: ("built_model",),
     }.items():
         for name in names:
             monkeypatch.setattr(module, name, work)
@@ -52,7 +55,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         file.attrs.update({"format": "preload-session", "version": 1, "axis_id": "axis"})
     (tmp_path / "modes.csv").write_bytes(b"position_mm,frequency_hz\n")
     (tmp_path / "a-file").write_bytes(b"")
-    for ending in (".json", ".toml", ".h5"):
+    for ending in (".json", ".toml", ".h5", ".mat"):
         (tmp_path / f"a-folder{ending}").mkdir()
     monkeypatch.chdir(tmp_path)
     return tmp_path

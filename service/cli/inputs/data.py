@@ -92,10 +92,15 @@ def calibration_at(path: Path) -> Path:
     return path
 
 
-def axis_settings(band_hz: tuple[float, float] | None, moving_mass: Estimate | None = None) -> AxisSettings:
-    """Return the settings that the command's options state."""
+def require_band(band_hz: tuple[float, float] | None) -> None:
+    """Refuse a band that ends before it begins."""
     if band_hz is not None and not band_hz[0] < band_hz[1]:
         raise click.BadParameter(f"--band-hz takes LOW before HIGH; got {band_hz[0]:g} {band_hz[1]:g}")
+
+
+def axis_settings(band_hz: tuple[float, float] | None, moving_mass: Estimate | None = None) -> AxisSettings:
+    """Return the settings that the command's options state."""
+    require_band(band_hz)
     return AxisSettings(search_band=band_hz, moving_mass=moving_mass)
 
 

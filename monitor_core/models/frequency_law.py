@@ -1,0 +1,45 @@
+"""Fit the natural frequency of a drive as a polynomial over one of its conditions. Sun et al. (2022), section 4."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray, read_only
+from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
+
+#: Places over the range at which the model is asked.
+_PLACES = 101
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrequencyLaw:
+    """f ≈ Σ cᵢ xⁱ over a range; beyond it, it says nothing."""
+
+    low: float
+    high: float
+    coefficients: FloatArray  # c₀ first [Hz per power of x]
+    largest_residual: float  # over the range [Hz]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients", read_only(self.coefficients))
+
+
+def frequency_law(
+    model: DriveModel,
+    conditions: Callable[[float], DriveConditions],
+    between: tuple[float, float],
+    degree: int,
+    motor_end: MotorEnd | None = None,
+) -> FrequencyLaw:
+    """Fit the first elastic mode by least squares over evenly spaced values of x; ``conditions`` of each x.
+
+    Fig. 7 of Sun et al. (2022): of degree 2 over the position, of degree 4 over the workpiece mass. The model's own
+    errors are raised.
+    """
+    x = np.linspace(*between, _PLACES)
+    modes = [model.natural_frequencies(conditions(value), motor_end) for value in x.tolist()]
+    frequency = np.array([next(mode.frequency for mode in of_one if mode.frequency > 0.0) for of_one in modes])
+    fitted = np.polynomial.Polynomial.fit(x, frequency, degree)
+    coefficients = np.asarray(fitted.convert().coef, dtype=np.float64)
+    return FrequencyLaw(*between, coefficients, float(np.abs(fitted(x) - frequency).max()))
