@@ -27,6 +27,7 @@ from monitor_core.recording import RejectionReason
 from monitor_core.trend import TrendStatus
 from service.api.http.problems import TYPE_PREFIX
 from service.app import create_app
+from service.cli.main import command_named
 from service.cli.remote.server import embedded_service
 from service.errors import STATUS_OF_ERROR
 from service.gateways.mqtt_windows import MqttSettings
@@ -41,6 +42,15 @@ DOCS = PROJECT_ROOT / "docs"
 TOP_PAGES = [PROJECT_ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 PAGES = [*TOP_PAGES, *sorted(DOCS.rglob("*.md")), *sorted((PROJECT_ROOT / "benchmarks").rglob("*.md"))]
 MODULES = sorted(info.name for info in pkgutil.walk_packages(monitor_core.__path__, "monitor_core."))
+#: Pages that name functions and tests.
+NAMING = ("reference/equations.md", "reference/errata.md", "explanation/four-papers.md")
+#: How many equations, tables and figures each paper has.
+NUMBERED = {
+    "Nguyen": {"Eq.": 10, "Table": 3, "Fig.": 8},
+    "Sun": {"Eq.": 14, "Table": 1, "Fig.": 7},
+    "Tian": {"Eq.": 27, "Table": 9, "Fig.": 15},
+    "Moreno-Castaneda": {"Eq.": 59, "Table": 2, "Fig.": 9},
+}
 CODE_SPAN = re.compile(r"`([^`\n]+)`")
 
 
@@ -71,9 +81,9 @@ def names_of_tests(path: Path) -> set[str]:
 
 
 def named_tests() -> list[tuple[str, str, str]]:
-    """Return page, file and name of each test that the two pages name; a section may say where its tests are."""
+    """Return page, file and name of each test that the pages name; a section may say where its tests are."""
     named = []
-    for page in ("reference/equations.md", "reference/errata.md"):
+    for page in NAMING:
         for section in text_of(page).split("\n## "):
             default = re.search(r"Tests are in `tests/(\S+)` unless another file is named", section)
             for span in sorted(code_spans(section)):
@@ -109,12 +119,12 @@ def exists(dotted: str) -> bool:
 
 def named_functions() -> list[str]:
     heads = {name.split(".")[1] for name in MODULES}
-    spans = code_spans(text_of("reference/equations.md")) | code_spans(text_of("reference/errata.md"))
+    spans = set[str]().union(*(code_spans(text_of(page)) for page in NAMING))
     return sorted(s for s in spans if re.fullmatch(r"\w+(\.\w+)+", s) and s.split(".")[0] in heads)
 
 
 def test_every_file_of_tests_that_is_named_exists():
-    for page in ("reference/equations.md", "reference/errata.md"):
+    for page in NAMING:
         for span in code_spans(text_of(page)):
             if re.fullmatch(r"(\w+/)*test_\w+\.py", span):
                 assert (PROJECT_ROOT / "tests" / span.removeprefix("tests/")).exists(), f"{page} names {span}"
@@ -128,6 +138,36 @@ def test_equations_name_functions_of_every_package_that_computes():
     computing = {"quality", "spectral", "modal", "preload", "trend", "models", "identification"}
     assert {name.split(".")[0] for name in named_functions()} >= computing
     assert not exists("preload.feature.no_such_function")
+
+
+def numbers_in(cell: str) -> set[tuple[str, int]]:
+    """Return what "Eq. 1–3, 5; Fig. 2" names."""
+    named = set()
+    for kind, numbers in re.findall(r"(Eq\.|Table|Fig\.) ([\d–, ]+)", cell):
+        for first, last in re.findall(r"(\d+)(?:–(\d+))?", numbers):
+            named |= {(kind, number) for number in range(int(first), int(last or first) + 1)}
+    return named
+
+
+def test_every_number_of_the_four_papers_has_a_row_with_a_test_or_is_said_to_be_not_built():
+    sections = text_of("explanation/four-papers.md").split("\n## ")[1:]
+    for section, (paper, highest) in zip(sections, NUMBERED.items(), strict=True):
+        assert section.startswith(paper)
+        lines = [line for line in section.splitlines() if line.startswith("| ")]
+        rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines[1:]]
+        named = set[tuple[str, int]]().union(*(numbers_in(where) for where, *_ in rows))
+        assert named == {(kind, number) for kind, last in highest.items() for number in range(1, last + 1)}
+        for where, _, what, test, remark in rows:
+            built = what != "not built" and remark != "a picture"
+            assert built == bool(code_spans(what)) == ("::" in test), where
+
+
+def test_every_command_that_the_four_papers_name_exists():
+    spans = [span.split() for span in code_spans(text_of("explanation/four-papers.md")) if span.startswith("preload ")]
+    assert len(spans) > 5
+    for _, name, *words in spans:
+        options = {option for parameter in command_named(name).params for option in parameter.opts}
+        assert {word for word in words if word.startswith("--")} <= options, name
 
 
 def test_links_and_paths_lead_somewhere(subtests):
