@@ -6,6 +6,7 @@ import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.published.hybrid import HybridModel as HybridModel  # noqa: PLC0414  # a door
 from monitor_core.models.published.small_drive import SecondOrderSystem, undamped_modes
 
 

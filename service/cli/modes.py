@@ -11,8 +11,7 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.models import DriveConditions, DriveModel, MotorEnd, NaturalFrequency
 from monitor_core.models.frequency_law import FrequencyLaw, frequency_law
-from monitor_core.models.published.hybrid import HybridModel
-from monitor_core.models.state_space import relative_error, state_space
+from monitor_core.models.state_space import HybridModel, relative_error, state_space
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from service.cli.inputs.data import require_band
 from service.cli.inputs.model import NumbersCommand, built_model, effects_option
