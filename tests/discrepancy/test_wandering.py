@@ -58,10 +58,11 @@ def test_one_that_stays_does_not_wander():
 
 
 @pytest.mark.release
-def test_a_small_one_that_wanders_gets_no_name_though_nothing_is_left():
+def test_a_small_one_that_wanders_is_described_though_nothing_is_left():
     """One of 7 g on 4 kg was called an absorber of the table, with a ΔBIC of 119; that of its frequency is 3481."""
     situation = ("receptance", "transmission line", "mini", "rich", "uniform", "clean")
     answer = answered(drawn(Job(136, "outside:wandering-absorber", "small", 0.003, *situation), 26585308))
-    assert (answer.outcome, [effect.key for effect in answer.effects]) == ("unknown", ["table-absorber"])
+    assert (answer.outcome, [effect.key for effect in answer.effects]) == ("described", ["table-absorber"])
+    assert [(found.place, found.parameter) for found in answer.described] == [("table", "frequency_hz")]
     assert answer.effects[0].wanders_between is not None
     assert not answer.gap.after.held_out > answer.gap.noise_floor
