@@ -11,8 +11,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.description.variation import (
     FreeVariation,
@@ -272,21 +270,21 @@ _LEAST_TAKEN = 0.8
 def without_form(
     variations: Sequence[tuple[Fitted[AxisPhysics], FreeVariation]],
 ) -> Described | None:
-    """Return the quantity whose free variation gains most on lines that were held out; None where none gains enough.
+    """Return the quantity whose free variation leaves least on lines that were held out; None where none takes enough.
 
     Each variation stands with the fit that it is about.
     """
     if not variations:
         return None
-    fitted, best = max(variations, key=lambda pair: pair[1].gained)
+    fitted, best = min(variations, key=lambda pair: pair[1].judged)
     scale = scale_of(fitted, best)
     evidence = 2.0 * max(evidence_of_variables(best, fitted_settings(fitted), scale.factor).values())
-    n_held_out = np.count_nonzero(~fitted.fitted)
-    missing = float(np.sum(fitted.standardised[~fitted.fitted] ** 2)) - n_held_out * scale.mean_square
-    if evidence < fitted.comparison.least_delta_bic or best.gained < _LEAST_TAKEN * missing:
+    taken = best.alike_everywhere - best.judged
+    beyond_noise = best.alike_everywhere - fitted.fitted.size * scale.mean_square
+    if evidence < fitted.comparison.least_delta_bic or taken < _LEAST_TAKEN * beyond_noise:
         return None
     margin = least_difference(fitted.comparison) / scale.factor
-    alike = [other.quantity for _, other in variations if other.gained > best.gained - margin]
+    alike = [other.quantity for _, other in variations if other.judged < best.judged + margin]
     settings = fitted.comparison.layout.settings
     names = [settings[number].name for number in fitted_numbers(fitted).tolist()]
     return Described(
@@ -302,6 +300,6 @@ def without_form(
         ),
         share=1.0,
         delta_bic=evidence,
-        held_out_log_likelihood_gain=0.5 * scale.factor * best.gained,
+        held_out_log_likelihood_gain=0.5 * scale.factor * taken,
         factors=dict(zip(names, best.factors.tolist(), strict=True)),
     )

@@ -237,7 +237,7 @@ def _described(
 
     That is a law in one of the fits ``with_laws``, or what swings at a port in one of those ``swinging``.
     """
-    varied = [(base, variation) for base in with_laws for variation in _variations(base.fitted)]
+    varied = [(base, variation) for base in with_laws for variation in closer_variations(base.fitted)]
     promising = _promising(varied, baseline) if varied else ()
     answers = [answer for base, tried in promising if (answer := refit_with_law(base, tried, progress)) is not None]
     answers += list(_hung_elsewhere(answers, with_laws, progress))
@@ -286,7 +286,7 @@ def _of_contacts(base: Base, tried: TriedLaw) -> TriedLaw | None:
     return None if variation is None else tried_law(variation, tried.law, fitted_settings(base.fitted))
 
 
-def _variations(fitted: Fitted[AxisPhysics]) -> Iterator[FreeVariation]:
+def closer_variations(fitted: Fitted[AxisPhysics]) -> Iterator[FreeVariation]:
     """Yield the quantities whose free variation leaves least, best first."""
     roughly = best_first(vary_freely(fitted, quantity, roughly=True) for quantity in quantities_of(fitted.physics()))
     closer = (vary_freely(fitted, each.quantity) for each in roughly[: _CLOSER * _QUANTITIES])

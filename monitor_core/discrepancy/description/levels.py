@@ -14,6 +14,7 @@ from monitor_core.discrepancy.description.describe import (
     Description,
     alike_to,
     best_first,
+    closer_variations,
     holds,
     may_be_described,
     refit_with_law,
@@ -57,7 +58,6 @@ def describe_levels(baseline: Fitted[Any], final: Fitted[Any], progress: Callabl
     if not (may_be_described(baseline) and has_lines(baseline.comparison.layout)):
         return None
     progress("describing what is left, level by level")
-    varied = list[tuple[Fitted[AxisPhysics], FreeVariation]]()
     with suppress(OutsideValidityError, TimeIsUpError):
         again = {fitted: judged_on_lines(fitted) for fitted in (baseline, final)}
         for before in again.values():
@@ -65,7 +65,6 @@ def describe_levels(baseline: Fitted[Any], final: Fitted[Any], progress: Callabl
             base = Base(unfitted(before), before=before) if before.tolerance else Base(before)
             roughly = (vary_freely(base.fitted, each, roughly=True) for each in quantities_of(base.fitted.physics()))
             variations = best_first(roughly)
-            varied += [(base.fitted, variation) for variation in variations]
             answers = list(_answers_at_levels(base, variations, progress))
             best = _simplest(answers, before) if answers else None
             if best is None or not holds(before, best, best.scale):
@@ -74,8 +73,10 @@ def describe_levels(baseline: Fitted[Any], final: Fitted[Any], progress: Callabl
             if kept or surpasses(again[final], best, best.scale):
                 alike = alike_to(before, best, answers, best.scale)
                 return Description(described_by(best, alike, best.scale), best.fitted, kept, again[baseline])
-    unformed = without_form(varied)
-    return None if unformed is None else Description(unformed, None, final.hypothesis.keys)
+        varied = ((each, variation) for each in again.values() for variation in closer_variations(each))
+        if (unformed := without_form(list(varied))) is not None:
+            return Description(unformed, None, final.hypothesis.keys)
+    return None
 
 
 def _answers_at_levels(

@@ -183,11 +183,16 @@ class FreeVariation:
         return float(np.sum(np.min(self.cost, axis=1)))
 
     @property
-    def gained(self) -> float:
-        """χ² of the lines that were held out: with the quantity best for all settings alike, less best for each."""
-        of_all = self.held_out[:, np.argmin(np.sum(self.cost, axis=0))]
-        own = self.held_out[np.arange(self.cost.shape[0]), np.argmin(self.cost, axis=1)]
-        return float(np.sum(of_all) - np.sum(own))
+    def alike_everywhere(self) -> float:
+        """χ² of all lines, with the quantity as it is best for all settings alike."""
+        return float(np.min(np.sum(self.cost + self.held_out, axis=0)))
+
+    @property
+    def judged(self) -> float:
+        """χ² of all lines, each part of them with the quantity as the other part of its setting has it best."""
+        settings = np.arange(self.cost.shape[0])
+        by_others = self.cost[settings, np.argmin(self.held_out, axis=1)]
+        return float(np.sum(by_others + self.held_out[settings, np.argmin(self.cost, axis=1)]))
 
     @property
     def asked(self) -> tuple[FloatArray, FloatArray]:
