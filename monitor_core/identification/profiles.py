@@ -1,7 +1,6 @@
 """χ² along one coordinate with all others fitted again, and the interval that it bounds."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +13,10 @@ from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, Pat
 from monitor_core.uncertainty import Interval, IntervalKind
 
 #: Refits of the other coordinates need no more digits than the ends of an interval.
-_REFIT = FitSettings(patience=Patience(200, flat=1e-6))
+_REFIT = FitSettings(patience=Patience(200, flat=1e-5))
 _WIDENINGS = 20
+#: Within which share of it the end of an interval is found, along the coordinate or in ζ.
+_AT_END = 2e-3
 #: How finely the way to a bound is looked through before an end is called open: from a 64th of it on.
 _HALVINGS = 6
 #: Stands for a χ² beyond all measure (no answer of the model): the root-finder needs a number.
@@ -100,8 +101,12 @@ class Profile:
         if bracket is None:
             return bound, True
         inside, outside = bracket
-        short_of: Callable[[float], float] = lambda value: self.root(value) - target  # noqa: E731
-        return float(scipy.optimize.brentq(short_of, inside, outside, xtol=2e-3 * abs(outside - self.best))), False
+
+        def short_of(value: float) -> float:
+            short = self.root(value) - target
+            return short if abs(short) > _AT_END * target else 0.0
+
+        return float(scipy.optimize.brentq(short_of, inside, outside, xtol=_AT_END * abs(outside - self.best))), False
 
     def _bracket(self, target: float, bound: float) -> tuple[float, float] | None:
         """Return a value where ζ is below the target and the next one where it is not, or None up to the bound."""
