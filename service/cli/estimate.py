@@ -22,6 +22,7 @@ from monitor_core.session import (
     sessions_of,
     with_session_doubts,
 )
+from monitor_core.uncertainty import Interval
 from service.cli.inputs.data import (
     Data,
     DataKind,
@@ -57,11 +58,13 @@ def estimate(paths: tuple[Path, ...], map_path: Path | None, calibration_file: P
     data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.SESSION))
     calibration = read_calibration(calibration_at(calibration_file))
     estimates, sessions = _of_session(data, calibration) if data.is_session else (_of_table(data.file, calibration), [])
+    regions = _regions(estimates)
     if as_json:
         joined: list[JsonObject] = [
             {"measurements": list(session.measurements)} | session_document(session.joint) for session in sessions
         ]
-        print_json({"estimates": [_document(item) for item in estimates], "sessions": joined})
+        documents: list[JsonObject] = [_region_document(region) for region in regions]
+        print_json({"estimates": [_document(item) for item in estimates], "sessions": joined, "regions": documents})
         return
     print_table(
         f"Preload from {data.name}",
@@ -74,6 +77,12 @@ def estimate(paths: tuple[Path, ...], map_path: Path | None, calibration_file: P
             ("measurements", "places", "preload", "95 % coverage", "mostly from", "remarks"),
             [_joint_row(session) for session in sessions],
         )
+    if regions:
+        print_table(
+            "The mean of repeated readings of one stated preload, and where it is with 95 % confidence",
+            ("stated", "position", "readings", "mean", "from", "to", "other levels"),
+            [_region_row(region) for region in regions],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +91,23 @@ class _Estimated:
 
     measurement: str
     position_mm: float
+    stated_preload: float | None  # [N]
     frequency_hz: float | None
     answer: PreloadEstimate | Rejection
     warnings: tuple[str, ...] = ()  # of the measurement of its mode
     refused_windows: Mapping[str, int] = field(default_factory=dict)  # by reason
     friction: JsonObject = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Region:
+    """Readings at one position of what is stated as one preload, Fig. 8 of Nguyen et al. (2018)."""
+
+    stated_preload: float  # [N]
+    position_mm: float
+    n_readings: int
+    mean: Interval  # [N]
+    apart: bool  # from every other level at this position
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +138,12 @@ def _of_session(data: Data, calibration: Calibration) -> tuple[list[_Estimated],
             if not isinstance(modal, Rejection):
                 refused.update(str(rejection.reason) for _, rejection in modal.refused_windows)
             friction, preload = friction_document(item.outcome.friction), item.outcome.preload
+            stated = item.conditions.preload
             if preload is None:
                 raise AssertionError("by a calibration there is a preload, or a refusal")
-            estimates.append(_Estimated(item.name, position_mm, frequency, preload, warnings, refused, friction))
+            estimates.append(
+                _Estimated(item.name, position_mm, stated, frequency, preload, warnings, refused, friction)
+            )
     return estimates, sessions
 
 
@@ -138,8 +162,47 @@ def _of_table(path: Path, calibration: Calibration) -> list[_Estimated]:
     for number, row in enumerate(read_modal_table(path), start=1):
         reading = row.reading
         answer = estimate_preload(reading.estimate, reading.conditions, calibration)
-        estimates.append(_Estimated(f"row {number}", to_millimetres(row.position), row.frequency, answer))
+        estimates.append(_Estimated(f"row {number}", to_millimetres(row.position), row.preload, row.frequency, answer))
     return estimates
+
+
+def _regions(estimates: list[_Estimated]) -> list[_Region]:
+    """Return the interval of the mean, Eq. (10) of Nguyen et al. (2018), of each stated level at each position."""
+    readings: dict[tuple[float, float], list[float]] = {}
+    for item in estimates:
+        if item.stated_preload is not None and isinstance(item.answer, PreloadEstimate):
+            readings.setdefault((item.stated_preload, item.position_mm), []).append(item.answer.preload)
+    if all(len(some) < 2 for some in readings.values()):
+        return []
+    from monitor_core.trend import confidence_interval_of_mean  # noqa: PLC0415  # what is estimated seldom repeats
+
+    means = {at: confidence_interval_of_mean(some) for at, some in sorted(readings.items()) if len(some) > 1}
+    return [
+        _Region(level, x, len(readings[level, x]), mean, not any(
+            mean.lower <= other.upper and other.lower <= mean.upper
+            for (another, elsewhere), other in means.items()
+            if another != level and elsewhere == x
+        ))
+        for (level, x), mean in means.items()
+    ]  # fmt: skip
+
+
+def _region_document(region: _Region) -> JsonObject:
+    return {
+        "stated_preload_n": region.stated_preload,
+        "position_mm": region.position_mm,
+        "n_readings": region.n_readings,
+        "mean_interval_95_n": [region.mean.lower, region.mean.upper],
+        "apart_from_other_levels": region.apart,
+    }
+
+
+def _region_row(region: _Region) -> tuple[str, ...]:
+    low, high = region.mean.lower, region.mean.upper
+    mean = f"{0.5 * (low + high):.1f} N"
+    apart = "apart" if region.apart else "overlap"
+    place = (f"{region.stated_preload:g} N", f"{region.position_mm:.1f} mm", str(region.n_readings))
+    return (*place, mean, f"{low:.1f} N", f"{high:.1f} N", apart)
 
 
 def _document(item: _Estimated) -> JsonObject:
