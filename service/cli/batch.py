@@ -153,10 +153,10 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor]:
     except ModuleNotFoundError as error:
         raise click.UsageError("--dask needs distributed; pip install distributed") from error
     try:
-        client = Client(scheduler, timeout="10s", set_as_default=False)  # type: ignore[no-untyped-call]
+        client = Client(scheduler, timeout="10s", set_as_default=False)
     except (OSError, ValueError) as error:
         raise click.UsageError(f"no Dask scheduler answers at {scheduler}: {error}") from error
-    with client, client.get_executor(pure=False) as executor:  # type: ignore[no-untyped-call]
+    with client, client.get_executor(pure=False) as executor:
         yield executor
 
 
