@@ -179,6 +179,7 @@ def test_a_part_is_compared_and_cannot_stand_alone(fresh_service: Site, visit: V
     expect(page.get_by_role("row", name=re.compile("^Measurements"))).to_contain_text("4")
 
 
+@pytest.mark.release
 def test_measurements_are_filtered_and_taken_away_as_a_table(served: Site, visit: Visit) -> None:
     page = visit(served.url, "/axes/alarm")
     unfold(page)
@@ -207,8 +208,9 @@ def test_data_quality_counts_the_newest(served: Site, visit: Visit) -> None:
     )
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
-    ("button", "kind"), canary([("Compare with the model", "discrepancy"), ("Identify the joints", "identification")])
+    ("button", "kind"), [("Compare with the model", "discrepancy"), ("Identify the joints", "identification")]
 )
 def test_an_analysis_is_begun_closed_found_again_and_cancelled(
     fresh_service: Site, visit: Visit, button: str, kind: str

@@ -153,6 +153,7 @@ def test_a_page_says_that_the_service_hangs_and_heals(fresh_service: Site, visit
     expect(page.locator("#connection")).to_have_text("● live", timeout=60_000)
 
 
+@pytest.mark.release
 def test_what_somebody_typed_opened_and_looks_at_stays(fresh_service: Site, visit: Visit) -> None:
     page = visit(fresh_service.url, "/")
     page.locator("#q").fill("half a na")

@@ -36,7 +36,7 @@ from service.observability import FleetGauges, Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
 from service.store import schema
-from tests.conftest import PROJECT_ROOT, canary
+from tests.conftest import PROJECT_ROOT
 
 DOCS = PROJECT_ROOT / "docs"
 TOP_PAGES = [PROJECT_ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
@@ -332,7 +332,8 @@ def cells_of(text: str) -> str:
     return "".join(re.sub(r" ?\.\.\. ?", "...", line) + "\n" for line in lines)
 
 
-@pytest.mark.parametrize("page", canary(TOURS))
+@pytest.mark.release  # commands of pages are tried by the tests of what they do, too
+@pytest.mark.parametrize("page", TOURS)
 def test_the_tour_answers_what_it_shows(tmp_path, page):
     if shutil.which("curl") is None:
         pytest.skip("the tour is told with curl, which is not installed")

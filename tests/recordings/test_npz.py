@@ -7,6 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from monitor_core.recordings.elements import bounds
 from monitor_core.recordings.raw.binary import npz
 from tests.recordings.test_raw import SAMPLES, refusal
 
@@ -66,13 +67,14 @@ def test_a_header_of_gigabytes_is_not_read(tmp_path):
     assert "expected a NumPy archive (.npz)" in refusal(npz.read_channels, tmp_path / "a.npz")
 
 
-def test_more_channels_than_any_recording_has_are_refused(tmp_path):
+def test_more_channels_than_any_recording_has_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(bounds, "MAX_CHANNELS", 8)
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         stream = io.BytesIO()
         np.save(stream, np.zeros(2))
-        for number in range(4097):
+        for number in range(9):
             archive.writestr(f"{number}.npy", stream.getvalue())
-    assert "expected at most 4096 channels; got 4097" in refusal(npz.read_channels, tmp_path / "a.npz")
+    assert "expected at most 8 channels; got 9" in refusal(npz.read_channels, tmp_path / "a.npz")
 
 
 def test_what_is_no_channel_is_said_to_be_not_read(tmp_path):

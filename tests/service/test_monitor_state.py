@@ -48,7 +48,7 @@ def test_learning_state_comes_back_as_it_was(learning: list[Session], known: lis
     assert load_state(through_json(dump_state(state))) == state
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), loss=st.floats(-1.0, 5.0))
 def test_charts_go_on_from_json_as_they_would_have(seed: int, loss: float) -> None:
     """From baseline to alarm: a state that is stored after each measurement is one that never was, to the last bit."""
