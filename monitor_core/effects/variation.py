@@ -12,7 +12,7 @@ multiplied by
     1 + c_1 [x > \bar x], \quad 1 + c_1 e^{-u^2/2}, \quad \mathrm{erf} \frac{X}{\sqrt{2} c_1 x}, \qquad
     u = \frac{x - \bar x}{X}, \quad c = \sqrt{c_1^2 + c_2^2}
 
-and a line between levels, 1 + c at each but 1 at the reference. Where a step lies is known to ± X alone. The error
+and a line between levels, 1 + c at each. Where a step lies is known to ± X alone. The error
 function is what is left of the gain of a channel that is clipped at X/c₁, under a random signal of rms x (Bussgang, MIT
 RLE Technical Report 216, 1952).
 
@@ -121,7 +121,7 @@ class Law:
     def parameters(self) -> tuple[EffectParameter, ...]:
         """The coefficients of the form."""
         if self.form is Form.LEVELS:
-            return tuple(_change(f"change_{n}") for n, level in enumerate(self.knots, 1) if level != self.reference)
+            return tuple(_change(f"change_{n}") for n in range(1, len(self.knots) + 1))
         return _PARAMETERS[self.form]
 
     def factor(self, x: float, coefficients: tuple[float, ...]) -> float:
@@ -146,9 +146,7 @@ class Law:
                 clipped = math.sqrt(2.0) * coefficients[0] * x
                 factor = math.erf(self.scale / clipped) if clipped > 0.0 else 1.0
             case Form.LEVELS:
-                values = iter(coefficients)
-                changes = [0.0 if level == self.reference else next(values) for level in self.knots]
-                factor = 1.0 + float(np.interp(x, self.knots, changes))
+                factor = 1.0 + float(np.interp(x, self.knots, coefficients))
             case Form.SATURATING:
                 factor = 1.0 + coefficients[0] * x / (x + coefficients[1] * self.scale)
             case Form.YIELDING:

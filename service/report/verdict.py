@@ -356,9 +356,8 @@ def _law(described: Described, law: Law, factor: float, unit: str) -> str:
     u, low, high = f"u = (x − {reference})/{scale}", law.reference - law.scale, law.reference + law.scale
     shown_of = {name: shown(name) for name in values}
     if law.form is Form.LEVELS:
-        changes = iter(shown_of.values())
-        levels = {level: "1" if level == law.reference else f"1 + {next(changes)}" for level in law.knots}
-        return "; ".join(f"{words} at {rounded(factor * level, 4)}{unit}" for level, words in levels.items())
+        levels = zip(shown_of.values(), law.knots, strict=True)
+        return "; ".join(f"1 + {words} at {rounded(factor * level, 4)}{unit}" for words, level in levels)
     step = f"{rounded(factor * low, 4)} and {rounded(factor * high, 4)}{unit}"
     return _FORMS[law.form].format(**shown_of, u=u, step=step, reference=reference, scale=scale)
 

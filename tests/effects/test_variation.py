@@ -51,7 +51,11 @@ def stiffness_at(effect, values, setting=AT):
         (Law(Variable.POSITION, Form.DIP, 0.2, 0.1), {"change": -0.4}, 1.0 - 0.4 * math.exp(-0.5)),
         # Abramowitz and Stegun, table 26.1: of a normal variable 0.6826894921370859 lie within one deviation
         (Law(Variable.EXCITATION, Form.CLIPPED, 0.4, 0.4), {"scale_over_limit": 1.0}, 0.6826894921370859),
-        (Law(Variable.POSITION, Form.LEVELS, 0.6, 0.6, (0.2, 0.6, 0.8)), {"change_1": 0.4, "change_3": -0.2}, 1.3),
+        (
+            Law(Variable.POSITION, Form.LEVELS, 0.6, 0.6, (0.2, 0.6, 0.8)),
+            {"change_1": 0.4, "change_2": 0.0, "change_3": -0.2},
+            1.3,
+        ),
     ],
     ids=lambda value: value.form if isinstance(value, Law) else "",
 )

@@ -372,20 +372,15 @@ def constant_law(variation: FreeVariation) -> TriedLaw:
 
 
 def law_of_levels(variation: FreeVariation, variable: Variable, settings: tuple[AxisSetting, ...]) -> TriedLaw:
-    """Return the law with a value at each level of a variable, at those that the settings ask for.
-
-    The reference is the level where it is nearest to what it is: a gain is right somewhere, and no tolerance moves it.
-    """
+    """Return the law with a value at each level of a variable, at those that the settings ask for."""
     x = np.array([variable.of(setting) for setting in settings])
     levels = _levels(x)
     knots = levels if levels.size <= _MOST_LEVELS else np.linspace(levels[0], levels[-1], _KNOTS)
     asked, variance = variation.asked
     near = np.array([np.interp(x, knots, row) for row in np.eye(knots.size)]).T
     values = np.linalg.lstsq(variance[:, None] ** -0.5 * near, variance**-0.5 * asked, rcond=None)[0]
-    own = int(np.argmin(np.abs(values)))
-    law = Law(variable, Form.LEVELS, float(knots[own]), float(np.ptp(knots)), tuple(knots.tolist()))
-    changes = np.delete(np.expm1(values - values[own]), own)
-    return TriedLaw(variation, law, tuple(changes.tolist()), math.nan)
+    law = Law(variable, Form.LEVELS, float(knots[0]), float(np.ptp(knots)), tuple(knots.tolist()))
+    return TriedLaw(variation, law, tuple(np.expm1(values).tolist()), math.nan)
 
 
 def tried_laws(
@@ -419,8 +414,8 @@ def _laws(settings: tuple[AxisSetting, ...], lead: float, of_levels: Variable | 
         for form, fewest in _FEWEST_LEVELS.items():
             if levels.size < fewest or (form in _LOCAL and of_levels is None):
                 continue
-            if form in (Form.PERIODIC, Form.YIELDING):
-                if variable is Variable.POSITION:
+            if form in (Form.PERIODIC, Form.YIELDING):  # a few levels do not tell a turn from the way
+                if variable is Variable.POSITION and of_levels is None:
                     yield Law(variable, form, 0.0, lead)
             elif form in (Form.POWER, Form.SATURATING, Form.CLIPPED):
                 if variable in (Variable.EXCITATION, Variable.PRELOAD) and float(np.min(x)) > 0.0:
