@@ -13,9 +13,9 @@ from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, Pat
 from monitor_core.uncertainty import Interval, IntervalKind
 
 #: Refits of the other coordinates need no more digits than the ends of an interval.
-_REFIT = FitSettings(patience=Patience(200, flat=1e-5))
+_REFIT = FitSettings(patience=Patience(200, flat=1e-6))
 _WIDENINGS = 20
-#: Within which share of it the end of an interval is found, along the coordinate or in ζ.
+#: Within which share of it the end of an interval is found; where ζ itself is ten times as near, at once.
 _AT_END = 2e-3
 #: How finely the way to a bound is looked through before an end is called open: from a 64th of it on.
 _HALVINGS = 6
@@ -104,7 +104,7 @@ class Profile:
 
         def short_of(value: float) -> float:
             short = self.root(value) - target
-            return short if abs(short) > _AT_END * target else 0.0
+            return short if abs(short) > 0.1 * _AT_END * target else 0.0
 
         return float(scipy.optimize.brentq(short_of, inside, outside, xtol=_AT_END * abs(outside - self.best))), False
 
