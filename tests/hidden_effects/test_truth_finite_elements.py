@@ -202,11 +202,17 @@ FELT = {
     "motor_damping": {"motor_damping": 0.01}, "bend_eccentricity": {"bend_eccentricity": 0.02},
     "coupling_crack": {"coupling_crack": 5.0},
     "coupling_crack_phase": {"coupling_crack": 5.0, "coupling_crack_phase": 1.0},
+    "wear": {"wear": 0.4, "wear_width": 0.5}, "wear_at": {"wear": 0.4, "wear_width": 0.5, "wear_at": 0.1},
+    "wear_width": {"wear": 0.4, "wear_at": 0.1, "wear_width": 0.5},
+    "pitch_error": {"pitch_error": 0.05}, "pitch_waves": {"pitch_error": 0.05, "pitch_waves": 1.5},
+    "lost_mass": {"lost_mass": 2.0},
+    "belt_ratio": {"belt_ratio": 2.0}, "belt_stiffness_share": {"belt_stiffness_share": 0.3},
 }  # fmt: skip
 #: No motion in time has it.
 ON_LINES = {"constant_loss_factor"}
 IN_TIME = {
     "torque_delay",
+    "torque_limit",
     "response_delay",
     "angle_delay",
     "guide_friction",
@@ -234,8 +240,17 @@ def test_the_nut_follows_its_preload_and_all_that_changes_it():
     assert nut_stiffness(steeper, setting) == pytest.approx(rated * (250.0 / 400.0) ** (1.0 / 3.0 + 0.1), rel=1e-12)
 
 
+def test_a_mass_that_is_lost_at_once_is_as_much_less_as_one_that_goes_steadily():
+    omega = 2.0 * math.pi * LINES
+    at_once, steadily = (
+        frequency_response(plant(Axis(parts=Parts(), hidden=hidden), MIDDLE), omega)
+        for hidden in (Hidden(lost_mass=2.0, lost_at=0.5), Hidden(lost_mass=2.0 / MIDDLE.order))
+    )
+    np.testing.assert_allclose(at_once, steadily, rtol=1e-12)
+
+
 def test_every_hidden_field_is_looked_at():
-    assert set(FELT) | IN_TIME | ON_LINES == {item.name for item in fields(Hidden)}
+    assert set(FELT) | IN_TIME | ON_LINES | {"lost_at"} == {item.name for item in fields(Hidden)}
 
 
 @pytest.mark.parametrize("field", canary(FELT))
