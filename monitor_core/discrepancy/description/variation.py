@@ -27,7 +27,7 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from scipy.special import logsumexp
+import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.effects import ConditionAxis
@@ -349,7 +349,7 @@ def evidence_of_variables(
     found = dict[Variable | None, float]()
     for which, kernels in alike.items():
         each = [_evidence(asked, np.diag(variance) + a**2 * kernel) for a in _SWINGS for kernel in kernels]
-        found[which] = float(logsumexp(each)) - math.log(len(each)) - constant
+        found[which] = float(scipy.special.logsumexp(each)) - math.log(len(each)) - constant
     return found
 
 
