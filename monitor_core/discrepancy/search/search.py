@@ -27,12 +27,13 @@ from monitor_core.discrepancy.search.workspace import (
     are_pulled,
     better_minimum,
     is_far,
+    may_lack_more,
     screening_misleads,
     variances_of_pulls,
 )
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.conditions.groups import has_lines
-from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, significance
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference, significance
 from monitor_core.fitting.hold_out import expected_gain, gain, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
@@ -53,9 +54,11 @@ def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None =
     steps = add_stepwise(workspace, first, taken, most_effects=len(first.hypothesis.effects) + 1)
     workspace.remember(baseline)
     has_another = len(steps) > len(taken)
-    if has_another and not workspace.is_explained_otherwise(workspace.baseline, steps[-1]):
-        steps = add_stepwise(workspace, steps[-1], steps)
-    # the best without an effect is in no false minimum, as far as an effect has led out of it
+    if not (has_another and workspace.is_explained_otherwise(workspace.baseline, steps[-1])):
+        steps = add_stepwise(workspace, steps[-1], steps) if has_another else steps
+        # the best without an effect is in no false minimum, as far as an effect has led out of it
+        first = first if first.hypothesis.effects else workspace.baseline
+        steps = _other_first_steps(workspace, first, steps)
     current = steps[-1] if steps else workspace.baseline
     return _ended(workspace, current, steps)
 
@@ -135,6 +138,24 @@ def judge_so_far(workspace: Workspace[Physics], axis: StoppableAxis[Physics]) ->
         screened=workspace.known_screening(final),
         least_delta_bic=workspace.least_evidence(final),
     )
+
+
+def _other_first_steps(
+    workspace: Workspace[Physics], first: Fitted[Physics], steps: list[Fitted[Physics]]
+) -> list[Fitted[Physics]]:
+    """Return the steps, or those from another first effect that end at a better fit, where something is left."""
+    current, settings = steps[-1] if steps else first, workspace.settings
+    rivals = rivals_at(workspace, first) if may_lack_more(current) else ()
+    for rival in rivals[1 : settings.n_first_steps]:
+        least = settings.least_share_of_gain * rivals[0].delta_bic
+        if rival.delta_bic < max(least, workspace.least_evidence(first, rival.effect)):
+            break
+        if not holds(workspace, first, rival.fitted, evidence_scale(rival.fitted)):
+            continue
+        other = add_stepwise(workspace, rival.fitted, [rival.fitted])
+        if delta_bic(current, other[-1], evidence_scale(other[-1])) > least_difference(workspace.comparison):
+            steps, current = other, other[-1]
+    return steps
 
 
 def _leading_to(final: Fitted[Physics], earlier: Sequence[Fitted[Physics]]) -> tuple[Fitted[Physics], ...]:

@@ -143,6 +143,7 @@ class SearchSettings:
     least_share_of_gain: float = 0.3
     most_rise: float = 25.0  # of χ², by screening, for an effect to be refitted in the place of an effect found
     most_effects: int = 5
+    n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
 
 
 @dataclass(frozen=True, eq=False)

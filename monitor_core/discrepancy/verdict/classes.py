@@ -20,7 +20,7 @@ from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout
 from monitor_core.fitting.conditions.groups import has_lines, levels_of, modes_that_stay
-from monitor_core.fitting.evidence import VERY_STRONG, EvidenceScale, covariance, least_difference
+from monitor_core.fitting.evidence import STRONG, VERY_STRONG, EvidenceScale, covariance, least_difference
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.hypothesis import is_size
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -254,9 +254,10 @@ def equivalence_class(
     other classes and are in none again, since no effect is in a model twice; those that are ``barred`` may not
     represent this one.
     """
-    own = _member(accepted.effect, found.final, accepted.delta_bic)
+    scale = found.evidence_scale
+    own = _member(accepted.effect, found.final, accepted.delta_bic, scale)
     rivals = [
-        _member(rival.effect, rival.fitted, rival.delta_bic)
+        _member(rival.effect, rival.fitted, rival.delta_bic, scale)
         for rival in accepted.rivals
         if rival.effect.key not in representing
     ]
@@ -306,16 +307,25 @@ def _are_aliases(member: Member[Physics], other: Member[Physics]) -> bool:
     return same and abs(member.fitted.cost - other.fitted.cost) < _SAME_COST
 
 
-def _member(effect: Effect[Physics], fitted: Fitted[Physics], delta_bic: float) -> Member[Physics]:
+def _member(
+    effect: Effect[Physics], fitted: Fitted[Physics], delta_bic: float, scale: EvidenceScale
+) -> Member[Physics]:
     own = [index for index, (other, _) in enumerate(fitted.hypothesis.unknowns) if other.key == effect.key]
-    return Member(effect, fitted, delta_bic, all(_is_plausible(fitted, index) for index in own))
+    return Member(effect, fitted, delta_bic, all(_is_plausible(fitted, index, scale) for index in own))
 
 
-def _is_plausible(fitted: Fitted[Physics], index: int) -> bool:
-    """Return whether an unknown lies within its plausible range."""
+def _is_plausible(fitted: Fitted[Physics], index: int, scale: EvidenceScale) -> bool:
+    """Return whether an unknown lies within its plausible range, and not at an end that the data want it to leave."""
     effect, parameter = fitted.hypothesis.unknowns[index]
     value = fitted.hypothesis.values(fitted.coordinates)[effect.key][parameter.name]
-    return parameter.lower <= value <= parameter.upper
+    if parameter.beyond or not _at_an_end(effect, parameter, value):
+        return parameter.lower <= value <= parameter.upper
+    coordinate = fitted.hypothesis.n_uncertain + index
+    slope = float(fitted.jacobian[fitted.fitted, coordinate] @ fitted.standardised[fitted.fitted])
+    downhill = -slope * parameter.scale  # a scale may be negative: that of what can only become less
+    outward = downhill > 0.0 if parameter.upper - value < value - parameter.lower else downhill < 0.0
+    promised = scale.factor**2 * slope**2 * float(covariance(fitted, scale)[coordinate, coordinate])
+    return not (outward and promised > STRONG)
 
 
 def _at_an_end(effect: Effect[Physics], parameter: EffectParameter, value: float) -> bool:
@@ -358,7 +368,7 @@ def found_parameters(
             max(low, 0.0) if parameter.lower == 0.0 else low,
             min(high, 0.0) if parameter.upper == 0.0 else high,
         )
-        plausible = _is_plausible(stated, index)
+        plausible = _is_plausible(stated, index, scale)
         parameters[parameter.name] = FoundParameter(
             Estimate(value, deviation), parameter.unit, interval, plausible, at_end
         )
