@@ -202,7 +202,7 @@ def test_table_1_as_printed_has_a_wrong_bracket_stiffness(published_data) -> Non
 
 @pytest.mark.release
 def test_table_1_as_printed_is_brought_to_the_scatter_by_the_whole_catalogue() -> None:
-    """Three positions give three numbers, which any three effects meet: what helped most is listed, and named is none."""
+    """Three positions give three numbers, which any three effects meet: what helped most is listed, none named."""
     (case,) = nguyen()
     answer = explain(case.model, case.measured)
     assert answer.outcome is Outcome.UNKNOWN
