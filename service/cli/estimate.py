@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -107,7 +107,7 @@ class _Region:
     position_mm: float
     n_readings: int
     mean: Interval  # [N]
-    apart: bool  # from every other level at this position
+    apart: bool | None  # from every other level at this position; None: there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,13 +178,16 @@ def _regions(estimates: list[_Estimated]) -> list[_Region]:
 
     means = {at: confidence_interval_of_mean(some) for at, some in sorted(readings.items()) if len(some) > 1}
     return [
-        _Region(level, x, len(readings[level, x]), mean, not any(
-            mean.lower <= other.upper and other.lower <= mean.upper
-            for (another, elsewhere), other in means.items()
-            if another != level and elsewhere == x
-        ))
+        _Region(level, x, len(readings[level, x]), mean, _is_apart(mean, [
+            other for (another, elsewhere), other in means.items() if another != level and elsewhere == x
+        ]))
         for (level, x), mean in means.items()
     ]  # fmt: skip
+
+
+def _is_apart(mean: Interval, others: Sequence[Interval]) -> bool | None:
+    """Return whether an interval meets none of the others; None where there is none to meet."""
+    return all(mean.lower > other.upper or other.lower > mean.upper for other in others) if others else None
 
 
 def _region_document(region: _Region) -> JsonObject:
@@ -200,7 +203,7 @@ def _region_document(region: _Region) -> JsonObject:
 def _region_row(region: _Region) -> tuple[str, ...]:
     low, high = region.mean.lower, region.mean.upper
     mean = f"{0.5 * (low + high):.1f} N"
-    apart = "apart" if region.apart else "overlap"
+    apart = {None: "—", True: "apart", False: "overlap"}[region.apart]
     place = (f"{region.stated_preload:g} N", f"{region.position_mm:.1f} mm", str(region.n_readings))
     return (*place, mean, f"{low:.1f} N", f"{high:.1f} N", apart)
 

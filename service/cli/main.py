@@ -58,7 +58,7 @@ EXAMPLES = {
     "frf": "frf march.session.h5 --band-hz 140 230",
     "identify": "identify april.session.h5 --model mill.toml --out found.toml",
     "import": "import day-01.tdms day-02.tdms --map mill.toml --out march.session.h5",
-    "key": "key add press-3 --role engineer",
+    "key": "key add press-3 --scope windows:write",
     "lost-motion": "lost-motion reversals.session.h5",
     "modes": "modes mill.toml --position-mm 250 500 750",
     "mqtt": "mqtt --url 127.0.0.1:8710",

@@ -84,6 +84,8 @@ def modes(
         if show not in _FILES:
             raise click.UsageError("--out goes with --show matrix or state-space")
         require_target(out, _FILES[show], inputs=[model], ending_needed=True)
+    if band_hz is not None and show not in _FILES:
+        raise click.UsageError("--band-hz goes with --show matrix or state-space")
     drive = built_model(model, effects_path)
     end = None if motor_end is None else MotorEnd(motor_end)
     conditions = [DriveConditions(metres(x), preload_n, payload_kg) for x in positions_mm]
@@ -220,7 +222,7 @@ def _show_laws(
     """Print the first frequency as a quadratic over the stated positions and a quartic up to the payload."""
     first, positions = places[0], [place.position for place in places]
     laws = list[tuple[str, str, FrequencyLaw]]()
-    if len(positions) > 1:
+    if len(set(positions)) > 1:
         empty, travel = replace(first, payload_mass=0.0), (min(positions), max(positions))
         law = frequency_law(drive, lambda x: replace(empty, position=x), travel, 2, motor_end)
         laws.append(("position", "m", law))

@@ -82,7 +82,8 @@ def standing(facts: AxisFacts) -> Standing:
         return _alarmed(facts, facts.alarm)
     if facts.lost_motion_grows is not None:
         return _loses_motion(facts.lost_motion_grows)
-    return _without_alarm(facts) if facts.judged_anew_by is None else _judged_anew(facts.judged_anew_by)
+    is_calm = not facts.is_silent and facts.state != "alert" and facts.changed_since is None
+    return _judged_anew(facts.judged_anew_by) if facts.judged_anew_by is not None and is_calm else _without_alarm(facts)
 
 
 def _without_alarm(facts: AxisFacts) -> Standing:

@@ -120,7 +120,8 @@ class AlarmExplanations:
             case = self._case(newest[0].id)
             if not case.settled and case.lacks() is None:
                 self._jobs.submit(EXPLANATION, axis_id, _Arguments(alarm=case.alarm.id).model_dump())
-        except BusyError:
+        except BusyError as error:
+            log.info("the alarm of axis '%s' waits for its explanation: %s", axis_id, error)
             self._put_off.add(axis_id)
         except (ServiceError, MonitorCoreError) as error:
             log.warning("the alarm of axis '%s' waits for its explanation: %s", axis_id, error)
@@ -128,19 +129,24 @@ class AlarmExplanations:
     def start(self, alarm_id: int) -> JobRow:
         """Explain an alarm as its axis stands now, because somebody asks for it.
 
-        Raises ConflictError if it is cleared: what was measured since belongs to another baseline; NotIdentifiableError
+        Raises ConflictError if it is cleared: what was measured since belongs to another baseline; or if it is being
+        explained; NotIdentifiableError
         or OutsideValidityError if the axis has no drive model, or was not measured at enough places.
         """
         case = self._case(alarm_id)
         axis_drive(_model(case.configuration))
         if (lack := case.lacks()) is not None:
             raise NotIdentifiableError(lack)
+        with self._database.read() as session:
+            under_way = jobs.unfinished_jobs(session, EXPLANATION, case.alarm.axis_id)
+        if any(row.arguments.get("alarm") == alarm_id for row in under_way):
+            raise ConflictError(f"the cause of alarm {alarm_id} is being looked for already")
         return self._jobs.submit(EXPLANATION, case.alarm.axis_id, _Arguments(alarm=alarm_id).model_dump())
 
     def run(self, job: JobHandle) -> None:
         """Explain and store it with the alarm; begun anew if it was interrupted."""
         put_off, self._put_off = self._put_off, set()
-        for axis_id in put_off:
+        for axis_id in list(put_off):
             self.follow(axis_id)
         try:
             case = self._case(_Arguments.model_validate(job.arguments).alarm)

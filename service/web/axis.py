@@ -165,8 +165,6 @@ def _drawn(
     # the present is shown, whatever is thinned out
     if shown.start <= latest.at < shown.end and latest.set_preload_n is None and latest not in points:
         points = [*points, latest]
-    if not points:
-        return None
     drawn, worked = Drawn.of(points, history.healthy), [event for event in events if event.kind == "work"]
     friction, frequency = (words(N_("Friction torque over time")), "N·m"), (words(N_("Frequency over time")), "Hz")
     return Pictures(

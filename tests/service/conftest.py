@@ -271,6 +271,7 @@ def servers(
 
     def start(data_dir: Path, port: int, **environment: str) -> ServerProcess:
         log = tmp_path / f"server-{len(started)}.log"
+        log.touch()
         words = ["--data-dir", str(data_dir), "--port", str(port)]
         server = ServerProcess(launch(words, environment, log), f"http://127.0.0.1:{port}", log)
         started.append(server)

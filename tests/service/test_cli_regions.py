@@ -50,5 +50,14 @@ def test_levels_that_scatter_more_than_they_differ_overlap(preload: Any, tmp_pat
     assert "overlap" in preload(*words).out
 
 
+def test_one_level_alone_is_neither_apart_nor_overlaps(preload: Any, tmp_path: Path, calibration: Path) -> None:
+    head, *rest = readings(tmp_path / "r.csv", 0.3).read_text(encoding="utf-8").splitlines()
+    level = rest[0].split(",")[0]
+    (tmp_path / "one.csv").write_text("\n".join([head, *(r for r in rest if r.startswith(f"{level},"))]) + "\n")
+    words = ("estimate", tmp_path / "one.csv", "--calibration", calibration)
+    regions = preload(*words, "--json").json()["regions"]
+    assert [region["apart_from_other_levels"] for region in regions] == [None] * 3
+
+
 def test_single_readings_make_no_region(preload: Any, calibration: Path) -> None:
     assert preload("estimate", TABLE_2, "--calibration", calibration, "--json").json()["regions"] == []

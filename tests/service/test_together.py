@@ -139,6 +139,12 @@ def test_an_axis_whose_numbers_have_changed_together_is_not_told_that_nothing_is
     assert "preload alone does not show it" in changed.sentence.text
     alerted = standing(replace(facts, changed_since=START, state="alert"))
     assert "preload alone is off its baseline, too" in alerted.sentence.text
+    for waits in (
+        {"changed_since": START},
+        {"state": "alert"},
+        {"is_silent": True},
+    ):  # for somebody, judged anew or not
+        assert standing(replace(facts, judged_anew_by=2, **waits)) == standing(replace(facts, **waits))
     learning = replace(facts, state="learning", in_force=None, stored=None, preload=None, baseline=None)
     assert "only a natural frequency that falls" in standing(learning).sentence.text  # no preload without newtons
     assert "only a preload that falls" in standing(replace(learning, in_force=1)).sentence.text

@@ -83,7 +83,7 @@ def test_every_command_stands_in_one_group_and_its_help_ends_with_an_example_tha
                 assert isinstance(below, click.Group)
                 inner = below.get_command(context, word)
                 assert inner is not None
-                inner.make_context(word, rest, resilient_parsing=True).close()
+                inner.make_context(word, rest).close()
 
 
 def test_a_command_that_is_misspelt_is_answered_with_the_one_that_was_meant() -> None:

@@ -65,11 +65,10 @@ def frf_set(path, **attributes):
 
 def test_tolerances_are_those_of_the_file_unless_the_command_line_states_others(tmp_path) -> None:
     data = frf_set(tmp_path / "a.frf.h5", position_tolerance_mm=1.5, preload_tolerance=0.1, payload_tolerance_kg=0.2)
-    nothing = dict.fromkeys(("position_tolerance_mm", "preload_tolerance", "gain_tolerance"))
-    assert tolerances_of(data, nothing) == SettingTolerances(1.5e-3, 0.1, payload=0.2)
-    stated = {**nothing, "position_tolerance_mm": 0.8, "gain_tolerance": 0.02}
+    assert tolerances_of(data, []) == SettingTolerances(1.5e-3, 0.1, payload=0.2)
+    stated = [("position_tolerance_mm", 0.8), ("gain_tolerance", 0.02)]
     assert tolerances_of(data, stated) == SettingTolerances(0.8e-3, 0.1, 0.02, payload=0.2)
-    assert tolerances_of(frf_set(tmp_path / "b.frf.h5"), nothing) == SettingTolerances()
+    assert tolerances_of(frf_set(tmp_path / "b.frf.h5"), []) == SettingTolerances()
 
 
 def test_a_tolerance_that_is_no_positive_number_is_refused(tmp_path) -> None:
