@@ -200,26 +200,24 @@ class _Asked(Generic[Physics]):
         by_tolerances = (
             outcome if follow else _outcome(found.baseline, found.final, classes, remainder, PULLS_OF_TOLERANCES)
         )
-        described = None
-        # effects with names that explain what is missing leave nothing to describe but what settings scatter
-        if outcome is Outcome.UNKNOWN or (outcome is Outcome.PARTIAL and by_tolerances is Outcome.PARTIAL):
-            described = describe(found.baseline, found.final, workspace.candidates, self.sizes, workspace.progress)
-            described = described or describe_levels(found.baseline, found.final, workspace.progress)
-            if described is not None and described.fitted is not None:
-                return outcome, described
-        if outcome in _UNCERTAIN and not follow:
-            outcome = by_tolerances
-        if outcome in _SURE:
-            described = self._elsewhere(workspace, found.final)
-        return outcome, None if outcome is Outcome.NONE else described
+        described, named = None, by_tolerances if outcome in _UNCERTAIN else outcome
+        with suppress(TimeIsUpError):  # which is raised once: nothing more is asked then
+            # effects with names that explain what is missing leave nothing to describe but what settings scatter
+            if outcome is Outcome.UNKNOWN or (outcome is Outcome.PARTIAL and by_tolerances is Outcome.PARTIAL):
+                described = describe(found.baseline, found.final, workspace.candidates, self.sizes, workspace.progress)
+                described = described or describe_levels(found.baseline, found.final, workspace.progress)
+                if described is not None and described.fitted is not None:
+                    return outcome, described
+            if named in _SURE:
+                described = None  # what has no form is not said beside a name
+                described = self._elsewhere(workspace, found.final)
+        return named, None if named is Outcome.NONE else described
 
     def _elsewhere(self, workspace: Workspace[Physics], final: Fitted[Physics]) -> Description | None:
-        """Return what swings in another place than what was named for it, None too where time is up."""
+        """Return what swings in another place than what was named for it."""
         swinging = [effect for effect in final.hypothesis.effects if effect.frequency is not None]
-        with suppress(TimeIsUpError):
-            without = [workspace.without(final, effect) for effect in swinging]
-            return describe_elsewhere(final, without, self.sizes, workspace.progress)
-        return None
+        without = [workspace.without(final, effect) for effect in swinging]
+        return describe_elsewhere(final, without, self.sizes, workspace.progress)
 
 
 def _outcome(
@@ -243,10 +241,12 @@ def _named(
     # where something is missing no size is so well known that the mode would matter
     if not lost and classes and not judged_gap(final).exceeds_healthy:
         final = at_mode(final)
+    groups = list(classes)
     if not lost and has_lines(final.comparison.layout):
-        pairs = zip(classes, found.accepted, strict=True)
-        classes = tuple(_left_to_time(workspace, found, group, accepted) for group, accepted in pairs)
-    return replace(found, final=final), classes
+        with suppress(TimeIsUpError):  # all else is known by now
+            for number, accepted in enumerate(found.accepted):
+                groups[number] = _left_to_time(workspace, found, groups[number], accepted)
+    return replace(found, final=final), groups
 
 
 def _left_to_time(
@@ -256,9 +256,8 @@ def _left_to_time(
     first = group.representative
     if first.effect.key not in OF_NUT:
         return group
-    margin, is_open = margin_between(found, first.delta_bic), False
-    with suppress(TimeIsUpError):  # all else is known by now
-        is_open = goes_with_time(accepted.without, first.fitted, margin, workspace.progress)
+    margin = margin_between(found, first.delta_bic)
+    is_open = goes_with_time(accepted.without, first.fitted, margin, workspace.progress)
     return replace(group, other_laws=(*group.other_laws, TIME_LAW)) if is_open else group
 
 

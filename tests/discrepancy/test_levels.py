@@ -5,9 +5,21 @@ import math
 import numpy as np
 import pytest
 
+from monitor_core.discrepancy.description.answers import Base, share_of_free
+from monitor_core.discrepancy.description.describe import describe, refit_with_law
 from monitor_core.discrepancy.description.levels import describe_levels
-from monitor_core.discrepancy.description.variation import QUANTITIES, FreeVariation, evidence_of_variables
+from monitor_core.discrepancy.description.variation import (
+    QUANTITIES,
+    FreeVariation,
+    constant_law,
+    evidence_of_variables,
+    fitted_settings,
+    law_of_levels,
+    vary_freely,
+)
+from monitor_core.discrepancy.search.workspace import StoppableAxis, TimeIsUpError
 from monitor_core.effects import Form, Variable
+from monitor_core.effects.variation import GEAR_RATIO
 from monitor_core.fitting.hold_out import fitted_values, gap_of
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
@@ -18,11 +30,16 @@ from tests.hidden_effects.machines import jittered, machine_named
 from tests.hidden_effects.situations import Situation
 
 
-def described(kind, machine, design, noise, seed):
-    """Return the case, and what is said of it from the model as stated."""
+def drawn(kind, machine, design, noise, seed):
+    """Return a case, its comparison and the drive as stated."""
     situation = Situation(machine=jittered(machine_named(machine), np.random.default_rng([seed, 1])), design=design)
     case = draw_case(kind, "large", noise, seed, situation=situation)
-    comparison, drive = compared(case)
+    return case, *compared(case)
+
+
+def described(kind, machine, design, noise, seed):
+    """Return the case, and what is said of it from the model as stated."""
+    case, comparison, drive = drawn(kind, machine, design, noise, seed)
     plain = Hypothesis(drive)
     baseline = fit(comparison, plain, plain.null, fitted_values(comparison.layout))
     answer = describe_levels(baseline, baseline, lambda _sentence: None)
@@ -46,6 +63,30 @@ def test_a_belt_between_motor_and_screw_is_another_ratio_at_every_setting():
     assert (found.place, found.parameter) == ("motor", "gear_ratio")
     assert (found.law.variable, found.law.form) == (Variable.NOTHING, Form.CONSTANT)
     assert holds_for(found, truth["ratio"] - 1.0)
+
+
+def test_neither_description_goes_on_once_time_is_up():
+    """Whoever asks for them stops: an axis says so once."""
+    _, comparison, drive = drawn("outside:belt", "gantry", "poor", 0.003, 7020)
+    axis = StoppableAxis(drive, lambda: True)
+    plain = Hypothesis(axis)
+    baseline = fit(comparison, plain, plain.null, fitted_values(comparison.layout))
+    with axis.stoppable(), pytest.raises(TimeIsUpError):
+        describe(baseline, baseline, (), None, lambda _sentence: None)
+    with axis.stoppable(), pytest.raises(TimeIsUpError):
+        describe_levels(baseline, baseline, lambda _sentence: None)
+
+
+def test_a_law_with_a_value_at_each_level_has_a_share_where_the_fit_reached_the_data():
+    """A constant law has none of what a free variation takes, and one of levels is weighed by its fit alone."""
+    _, comparison, drive = drawn("outside:belt", "gantry", "poor", 0.003, 7020)
+    plain = Hypothesis(drive)
+    before = fit(comparison, plain, plain.null, fitted_values(comparison.layout))
+    ratio = next(each for each in QUANTITIES if each.field == GEAR_RATIO)
+    variation, settings = vary_freely(before, ratio), fitted_settings(before)
+    for tried in (constant_law(variation), law_of_levels(variation, Variable.POSITION, settings)):
+        answer = refit_with_law(Base(before), tried, lambda _sentence: None)
+        assert share_of_free(answer) > 0.9
 
 
 @pytest.mark.release

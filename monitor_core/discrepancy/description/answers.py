@@ -24,7 +24,7 @@ from monitor_core.discrepancy.explanation import Described, DescribedAlternative
 from monitor_core.discrepancy.screening import Screened, measured_band, screen
 from monitor_core.discrepancy.verdict.classes import Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
-from monitor_core.effects import PORT_EFFECTS, Effect, MachineSizes, Port, port_of, sized_for
+from monitor_core.effects import PORT_EFFECTS, Effect, Form, MachineSizes, Port, port_of, sized_for
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference
@@ -214,7 +214,8 @@ def share_of_free(answer: Answer) -> float:
     """Return what a law takes away of what its quantity would if it varied freely; 1 of what swings without one."""
     if answer.tried is None:
         return 1.0
-    if answer.base.is_unfitted:  # what varied there was weighed otherwise
+    as_free = answer.tried.law.form in (Form.LEVELS, Form.CONSTANT)  # which takes as much as can be, or what all share
+    if as_free or answer.base.is_unfitted:  # what varied there was weighed otherwise
         return explained_share(answer.before, answer.fitted, remainder_of(answer.fitted).misfit)
     variation = answer.tried.variation
     room = variation.alike - variation.free

@@ -36,7 +36,7 @@ from monitor_core.discrepancy.description.variation import (
 )
 from monitor_core.discrepancy.explanation import Described, DescribedAlternative
 from monitor_core.discrepancy.search.search import LEAST_SIZE
-from monitor_core.discrepancy.search.workspace import Found, TimeIsUpError
+from monitor_core.discrepancy.search.workspace import Found
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
 from monitor_core.effects import Effect, Law, MachineSizes, Variable, varying
@@ -105,18 +105,16 @@ def describe(
     """
     if not may_be_described(baseline):
         return None
-    with suppress(TimeIsUpError):
-        progress("describing what is left")
-        at_ports = _at_ports(baseline, (baseline, final), sizes)
-        swinging, _ = _described(baseline, final, (), at_ports, progress)
-        if swinging is not None and _leaves_nothing_else(baseline, swinging):
-            return swinging
-        of_catalogue = tuple(bases(baseline, final, candidates))
-        described, _ = _described(baseline, final, of_catalogue, at_ports, progress)
-        if described is None:  # what is least simple is tried where there would be no answer
-            described, _ = _described(baseline, final, at_ports, at_ports, progress)
-        return described
-    return None
+    progress("describing what is left")
+    at_ports = _at_ports(baseline, (baseline, final), sizes)
+    swinging, _ = _described(baseline, final, (), at_ports, progress)
+    if swinging is not None and _leaves_nothing_else(baseline, swinging):
+        return swinging
+    of_catalogue = tuple(bases(baseline, final, candidates))
+    described, _ = _described(baseline, final, of_catalogue, at_ports, progress)
+    if described is None:  # what is least simple is tried where there would be no answer
+        described, _ = _described(baseline, final, at_ports, at_ports, progress)
+    return described
 
 
 def swinging_at_port(

@@ -32,7 +32,6 @@ from monitor_core.discrepancy.description.variation import (
     tried_laws,
     vary_freely,
 )
-from monitor_core.discrepancy.search.workspace import TimeIsUpError
 from monitor_core.effects import Variable
 from monitor_core.effects.variation import GEAR_RATIO
 from monitor_core.errors import OutsideValidityError
@@ -58,7 +57,7 @@ def describe_levels(baseline: Fitted[Any], final: Fitted[Any], progress: Callabl
     if not (may_be_described(baseline) and has_lines(baseline.comparison.layout)):
         return None
     progress("describing what is left, level by level")
-    with suppress(OutsideValidityError, TimeIsUpError):
+    with suppress(OutsideValidityError):
         again = {fitted: judged_on_lines(fitted) for fitted in (baseline, final)}
         for before in again.values():
             # where the fit went astray, each quantity is seen in the axis as stated
