@@ -22,6 +22,7 @@ from service.errors import ConflictError, ServiceError, status_of
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
 from service.operations.recordings.recordings import ImportArguments, RecordingView
+from service.operations.recordings.upload import MOST_FILES
 from service.web.forms import moment_of, number_of
 from service.web.site import Page, PageOf, done
 from service.web.words import CHOICES
@@ -29,6 +30,8 @@ from service.web.words import CHOICES
 router = APIRouter(include_in_schema=False)
 
 _LISTED: Final = 20
+#: A few of each file, and those of the map.
+_MOST_FIELDS: Final = 10 * MOST_FILES
 
 
 class FoundChannel(BaseModel):
@@ -137,7 +140,8 @@ def recording_page(axis: AxisId, recording: RowId, page: PageOf, on: ServicesOf)
 @router.post("/axes/{axis}/import/{recording}", dependencies=[needs(Scope.WINDOWS_WRITE)])
 async def take(axis: AxisId, recording: RowId, request: Request, page: PageOf, on: ServicesOf) -> Response:
     """Take the windows of a recording; what does not fit is said, and all that was typed stays."""
-    return await run_in_threadpool(_take, axis, recording, await request.form(), page, on)
+    form = await request.form(max_fields=_MOST_FIELDS)
+    return await run_in_threadpool(_take, axis, recording, form, page, on)
 
 
 def _take(axis: str, recording: int, form: FormData, page: Page, on: Services) -> Response:

@@ -29,7 +29,9 @@ from monitor_core.uncertainty import Estimate
 from service.documents.map_form import FieldTable, filled_map, map_fields
 from service.operations.calibrating import fit_job
 from service.operations.calibrating.fit_job import CalibrationJobIn
+from service.operations.own_process import Progress
 from service.operations.recordings import file_check
+from service.operations.recordings.upload import MOST_FILES
 from service.store.database import Database
 from tests.conftest import canary
 from tests.identification.test_described_calibration import AXES, SCATTER, Plant
@@ -461,6 +463,34 @@ def test_a_file_that_holds_no_windows_says_what_was_expected(api: Api, name: str
     assert name in sentence
     refused_with(api.http.post(f"/v1/axes/axis/recordings/{number}/import", json={}), 422)
     assert api.http.delete(f"/v1/axes/axis/recordings/{number}").status_code == 200
+
+
+@pytest.mark.parametrize("dated", [True, False])
+def test_files_that_are_not_read_have_a_start_proposed_only_if_the_others_state_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dated: bool
+) -> None:
+    monkeypatch.setattr(file_check, "_MOST_READ", 2)
+    form = "2025-03-01T06:00:00.{:03d}Z" if dated else "0.{:03d}"
+    rows = [f"{form.format(i)},{i % 7},{i % 5}" for i in range(200)]
+    paths = [tmp_path / f"2026-03-0{day}_0630.csv" for day in range(1, 5)]
+    for path in paths:
+        path.write_text("\n".join([f"{'time' if dated else 'Time [s]'},Torque [Nm],Acc [m/s2]", *rows]) + "\n")
+    told: list[Progress] = []
+    facts: Any = file_check.checked(paths, "axis", told.append)["files"]
+    assert [fact["started_at"] for fact in facts] == [None if dated else path.stem[:10] + "T06:30" for path in paths]
+    assert told == [Progress(0, 2), Progress(1, 2)]
+
+
+def test_a_sheet_of_as_many_files_as_an_upload_may_hold_is_taken(api: Api) -> None:
+    content = table()
+    number, job = upload(api, *((f"{file}.csv", content) for file in range(MOST_FILES)))
+    assert len(job["result"]["files"]) == MOST_FILES
+    entries = ("preload_n", "payload_kg", "position_mm", "started_at")
+    typed = {f"files.{file}.{entry}": "" for file in range(MOST_FILES) for entry in entries}
+    typed[f"files.{MOST_FILES - 1}.preload_n"] = "much"
+    answer = api.http.post(f"/axes/axis/import/{number}", data=typed)
+    assert answer.status_code == 422
+    assert f"{MOST_FILES - 1}.csv, preload_n" in answer.text
 
 
 def test_a_look_that_a_reader_ends_says_so(api: Api, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """Say what is in the files of a recording before any window of it is taken: as ``preload check`` does."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -26,7 +27,7 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
     facts = [file_facts(path.name, None) for path in paths]
     read = paths[:_MOST_READ]
     for done, path in enumerate(read):
-        report(Progress(done, len(paths)))
+        report(Progress(done, len(read)))
         try:
             file_report = check_file(path)
         except MissingReaderError as error:
@@ -39,6 +40,8 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
             problems.append(
                 f"{path.name}: expected {KINDS[first.format].what} as the first file; got {file_report.format}"
             )
+    if all(fact.states_start for fact in facts[: len(read)]):  # then the others do, too; a name would say it twice
+        facts[len(read) :] = [replace(fact, started_at=None) for fact in facts[len(read) :]]
     if first is None:
         return unreadable("", "expected a file; got none")
     if first.format == SESSION and len(paths) > 1:

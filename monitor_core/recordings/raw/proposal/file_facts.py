@@ -7,17 +7,20 @@ from datetime import datetime
 
 from monitor_core.recordings.elements.files import stem_of
 from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 
 _NUMBER = r"(\d+(?:[.,]\d+)?)"
-#: By which words and units names of files, and of single numbers in them, say a condition; letters alone, in small.
+#: By which words and units names of files, and of single numbers in them, say a condition, in small. A letter alone
+#: says a place; p or f may be a part or a feed, and say a preload by its unit only.
 _WORDS = {
-    "preload_n": (r"preload|vorspannung|vorspannkraft|[pf]", "n"),
+    "preload_n": (r"preload|vorspannung|vorspannkraft", "n"),
     "payload_kg": (r"payload|load|nutzlast|zuladung", "kg"),
     "position_mm": (r"position|pos|[xyz]", "mm"),
 }
 _IN_NAME = {
     name: re.compile(
-        rf"(?<![a-z0-9.,]){_NUMBER}[ _]?{unit}(?![a-z0-9])|(?<![a-z])(?:{words})[ _=-]?{_NUMBER}(?![0-9]|[.,][0-9])"
+        rf"(?<![a-z0-9.,])[pf]?{_NUMBER}[ _]?{unit}(?![a-z0-9])"
+        rf"|(?<![a-z])(?:{words})[ _=-]?{_NUMBER}(?![0-9]|[.,][0-9])"
     )
     for name, (words, unit) in _WORDS.items()
 }
@@ -49,8 +52,13 @@ def file_facts(name: str, channels: Channels | None) -> FileFacts:
     rest = _DATED.sub(" ", stem).lower()
     stated = {} if channels is None else dict(_in_file(channels))
     values = {fact: stated.get(fact, _first(pattern, rest)) for fact, pattern in _IN_NAME.items()}
-    states_start = channels is not None and any(channels.started_at(each) is not None for each in channels.channels)
+    states_start = channels is not None and _states_start(channels)
     return FileFacts(name, **values, started_at=None if states_start else _moment(stem), states_start=states_start)
+
+
+def _states_start(channels: Channels) -> bool:
+    """Return whether the map that is proposed for a file asks for no start: channels or texts of times say it."""
+    return all(entry.name != "started_at" for table in proposed_map(channels).tables for entry in table.entries)
 
 
 def _first(pattern: re.Pattern[str], text: str) -> float | None:
