@@ -8,11 +8,12 @@ import httpx
 import numpy as np
 import pytest
 
+from monitor_core.preload.relative import ConditionLaw
 from monitor_core.recordings import open_session
 from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
 from service.cli.remote.client import Client
 from service.cli.remote.server import embedded_service
-from service.operations.monitoring.history import History
+from service.operations.monitoring.history import HealthyFrequency, History
 from service.operations.monitoring.long_run import spectra_of
 from service.settings import BUNDLED_SESSIONS, Settings
 from service.store.database import Database
@@ -134,3 +135,16 @@ def test_the_mode_over_time_is_that_at_one_position(tmp_path, calibrated: bool) 
         peak = spectrum.frequency[np.nanargmax(spectrum.magnitude)]
         assert peak == pytest.approx(spectrum.mode, abs=1.0)
     assert len(re.findall("[ML]", re.findall(r'<path d="([^"]*)" class="mode"', page)[0])) == len(places)
+
+
+def test_a_mode_beyond_the_law_of_the_position_is_drawn_as_it_is(tmp_path) -> None:
+    rng = np.random.default_rng(9)
+    steep = HealthyFrequency(ConditionLaw((1.0, 0.0, 0.0, 0.0), (0.0,) * 16, (0.0,) * 4), level=1.0)
+    with running_service(tmp_path) as api:
+        api.register("axis", windows_per_measurement=4)
+        for day, place in enumerate((400.0, 500.0, 600.0)):
+            of_day = {"position_mm": place, "n_windows": 4, "started_at": START + timedelta(days=day)}
+            api.accept("axis", simulated_measurement(rng, f"m{day}", **of_day))
+        beyond, usual, _ = spectra_of(Database(f"sqlite:///{tmp_path / 'preload.db'}"), "axis", steep)
+    for spectrum in (beyond, usual):  # 1/f² - 1 s²/m · 0.1 m < 0 at 600 mm
+        assert spectrum.mode == pytest.approx(spectrum.point.frequency_hz, rel=1e-12)

@@ -83,7 +83,8 @@ def spectra_of(database: Database, axis_id: str, healthy: HealthyFrequency | Non
 
     def corrected(point: ShownPoint, document: object) -> Spectrum:
         mode = point.frequency_hz or math.nan
-        at_usual = (mode**-2 - of_place(metres(point.position_mm)) + of_place(metres(usual))) ** -0.5
+        feature = mode**-2 - of_place(metres(point.position_mm)) + of_place(metres(usual))
+        at_usual = feature**-0.5 if feature > 0.0 else mode  # the law does not reach so far: as it is
         return _spectrum(point, document, at_usual, at_usual / mode)
 
     return [corrected(point, stored[point.measurement_id]) for point in chosen if point.measurement_id in stored]
