@@ -1,6 +1,7 @@
 """What goes with the levels of a variable is described by place, quantity and form: by plants of finite elements."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from monitor_core.discrepancy.description.variation import (
     constant_law,
     evidence_of_variables,
     fitted_settings,
+    judged_on_lines,
     law_of_levels,
     vary_freely,
 )
@@ -186,6 +188,43 @@ def test_the_evidence_is_for_the_variable_that_values_follow(of, variable) -> No
     evidence = evidence_of_variables(asking_for([of(setting) for setting in SETTINGS] + scatter), SETTINGS, 1.0)
     assert max(evidence, key=evidence.get) is variable
     assert evidence[variable] > max(value for other, value in evidence.items() if other is not variable) + 5.0
+
+
+def test_a_variable_that_is_alike_but_for_rounding_is_not_asked() -> None:
+    settings = tuple(replace(setting, payload_mass=0.1 * 3.0 + 1e-16 * n) for n, setting in enumerate(SETTINGS))
+    assert np.ptp([setting.payload_mass for setting in settings]) > 0.0
+    assert Variable.PAYLOAD not in evidence_of_variables(asking_for(np.zeros(21)), settings, 1.0)
+
+
+def test_levels_that_lie_apart_have_a_value_where_there_are_data() -> None:
+    positions = np.repeat([*np.linspace(0.1, 0.2, 9), 1.0, 1.1, 1.2], 2)
+    settings = tuple(AxisSetting(position=x) for x in positions)
+    law = law_of_levels(asking_for(-0.3 * positions), Variable.POSITION, settings)
+    knots = np.array(law.law.knots)
+    assert set(knots) <= set(np.round(positions, 9))
+    np.testing.assert_allclose(law.coefficients, np.expm1(-0.3 * knots), atol=1e-9)
+
+
+def test_a_setting_without_lines_held_out_is_judged_with_the_quantity_as_all_have_it() -> None:
+    cost = asking_for(np.full(21, 0.3)).cost
+    held_out = cost.copy()
+    held_out[4] = 0.0
+    judged = FreeVariation(QUANTITIES[0], GRID, cost, held_out).judged
+    assert judged == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_third_of_each_response_is_held_out_where_grids_are_offset() -> None:
+    """Twelve settings, each with its lines a little higher than those of the one before."""
+    _, comparison, drive = drawn("outside:belt", "gantry", "poor", 0.003, 7020)
+    layout = comparison.layout
+    offset = replace(comparison, layout=replace(layout, frequency=layout.frequency * (1.0 + 1e-9 * layout.setting)))
+    plain = Hypothesis(drive)
+    before = fit(offset, plain, plain.null, fitted_values(offset.layout))
+    (out,) = judged_on_lines(before).comparison.layout.held_out
+    responses = np.unique(np.column_stack([layout.setting, layout.channel]), axis=0)
+    for setting, channel in responses:
+        share = np.mean(out[(layout.setting == setting) & (layout.channel == channel)])
+        assert share == pytest.approx(1.0 / 3.0, abs=0.1)
 
 
 def test_values_by_lot_follow_no_variable_and_alike_ones_ask_for_none() -> None:

@@ -27,13 +27,14 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.effects import ConditionAxis
 from monitor_core.effects.variation import GEAR_RATIO, Form, Law, Variable, has_quantity, multiplied
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import CommonErrors, Setting
+from monitor_core.fitting.comparison import CommonErrors, Layout, Setting
 from monitor_core.fitting.evidence import EvidenceScale, evidence_scale
 from monitor_core.fitting.solver.costs_of_settings import fitted_numbers, squares_of_values, summed_by_setting
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -189,9 +190,14 @@ class FreeVariation:
 
     @property
     def judged(self) -> float:
-        """χ² of all lines, each part of them with the quantity as the other part of its setting has it best."""
+        """χ² of all lines, each part of them with the quantity as the other part of its setting has it best.
+
+        A setting without lines that were held out has it as is best for all settings alike.
+        """
         settings = np.arange(self.cost.shape[0])
-        by_others = self.cost[settings, np.argmin(self.held_out, axis=1)]
+        everywhere = np.argmin(np.sum(self.cost + self.held_out, axis=0))
+        of_others = np.where(np.any(self.held_out, axis=1), np.argmin(self.held_out, axis=1), everywhere)
+        by_others = self.cost[settings, of_others]
         return float(np.sum(by_others + self.held_out[settings, np.argmin(self.cost, axis=1)]))
 
     @property
@@ -244,13 +250,12 @@ def vary_freely(
 
 
 def judged_on_lines(fitted: Fitted[AxisPhysics]) -> Fitted[AxisPhysics]:
-    """Return a fit to all settings, and to most of their lines, whatever was held out: the same lines of each setting.
+    """Return a fit to all settings, and to most of their lines, whatever was held out: the same third of each response.
 
     What is local cannot be seen, nor told, where nothing was fitted. Raises OutsideValidityError as a fit does.
     """
     layout = fitted.comparison.layout
-    number = np.unique(layout.frequency, return_inverse=True)[1]
-    out = number % _OF_LINES < _RUN
+    out = _line_numbers(layout) % _OF_LINES < _RUN
     common = layout.common
     if common is not None:
         group = np.unique(np.column_stack([common.group, out]), axis=0, return_inverse=True)[1].reshape(-1)
@@ -258,6 +263,14 @@ def judged_on_lines(fitted: Fitted[AxisPhysics]) -> Fitted[AxisPhysics]:
     there: Any = fitted.comparison
     comparison = replace(there, layout=replace(layout, held_out=(out,), common=common))
     return fit(comparison, fitted.hypothesis, fitted.coordinates, ~out, errors=fitted.around.errors)
+
+
+def _line_numbers(layout: Layout) -> npt.NDArray[np.intp]:
+    """Return which line of its response each value is, from 0 by frequency: grids of settings may be offset."""
+    columns = np.column_stack([layout.setting, layout.channel, layout.frequency])
+    lines, line = np.unique(columns, axis=0, return_inverse=True)
+    first, response = np.unique(lines[:, :2], axis=0, return_index=True, return_inverse=True)[1:]
+    return np.asarray((np.arange(lines.shape[0]) - first[response.reshape(-1)])[line.reshape(-1)])
 
 
 def fitted_settings(fitted: Fitted[AxisPhysics]) -> tuple[AxisSetting, ...]:
@@ -341,8 +354,8 @@ def evidence_of_variables(
     alike: dict[Variable | None, FloatArray] = {None: own[None]}
     for variable in Variable:
         x = np.array([variable.of(setting) for setting in settings])
-        if (span := float(np.ptp(x))) > 0.0:
-            distance = np.subtract.outer(x, x) / span
+        if _varies(x):
+            distance = np.subtract.outer(x, x) / np.ptp(x)
             near = np.array([np.exp(-0.5 * (distance / length) ** 2) for length in _LENGTHS])
             alike[variable] = np.concatenate([share * own + (1.0 - share) * near for share in _OWN])
     constant = _evidence(asked, np.diag(variance))
@@ -360,6 +373,11 @@ def _evidence(values: FloatArray, covariance: FloatArray) -> float:
     return -0.5 * float(np.linalg.slogdet(covariance)[1] + away @ inverse @ away + math.log(weight))
 
 
+def _varies(x: FloatArray) -> bool:
+    """Return whether levels differ by more than they are rounded."""
+    return float(np.ptp(x)) > 1e-6 * max(float(np.max(np.abs(x))), 1e-30)
+
+
 def _levels(x: FloatArray) -> FloatArray:
     return np.unique(np.round(x, 9))
 
@@ -375,7 +393,8 @@ def law_of_levels(variation: FreeVariation, variable: Variable, settings: tuple[
     """Return the law with a value at each level of a variable, at those that the settings ask for."""
     x = np.array([variable.of(setting) for setting in settings])
     levels = _levels(x)
-    knots = levels if levels.size <= _MOST_LEVELS else np.linspace(levels[0], levels[-1], _KNOTS)
+    some = np.linspace(0, levels.size - 1, _KNOTS).round().astype(int)  # a knot between levels far apart has no data
+    knots = levels if levels.size <= _MOST_LEVELS else levels[some]
     asked, variance = variation.asked
     near = np.array([np.interp(x, knots, row) for row in np.eye(knots.size)]).T
     values = np.linalg.lstsq(variance[:, None] ** -0.5 * near, variance**-0.5 * asked, rcond=None)[0]
@@ -408,7 +427,7 @@ def _laws(settings: tuple[AxisSetting, ...], lead: float, of_levels: Variable | 
     for variable in Variable if of_levels is None else (of_levels,):
         x = np.array([variable.of(setting) for setting in settings])
         levels, span = _levels(x), float(np.ptp(x))
-        if span <= 1e-6 * max(float(np.max(np.abs(x))), 1e-30):
+        if not _varies(x):
             continue
         middle = float(np.median(x)) if variable is not Variable.ORDER else 0.0
         for form, fewest in _FEWEST_LEVELS.items():
