@@ -20,7 +20,7 @@ from tests.service.conftest import START, Api, emptied, running_service, simulat
 from tests.service.test_lost_motion import HEALTHY, alarms_of, history, send, told
 
 HOUR = timedelta(hours=1)
-LATER = START + HOUR
+LATER, LAST = START + HOUR, START + timedelta(days=99)
 
 
 @pytest.fixture(params=canary(["sqlite", "postgresql"]))
@@ -180,4 +180,34 @@ def test_a_trend_that_is_drawn_coarsely_keeps_its_extremes(database_url: str, re
             judged = sorted(point.preload_n for point in within if point.preload_n is not None)
             shown = [point.preload_n for point in drawn if point.preload_n is not None]
             assert (min(shown), max(shown)) == (judged[0], judged[-1]) if judged else not shown
+    database.close()
+
+
+@pytest.mark.parametrize("resolution", [2, 10, 40])
+def test_readings_set_on_purpose_hide_none_of_those_that_are_monitored(tmp_path: Path, resolution: int) -> None:
+    """From hours and days in which a calibration set lower and higher preloads than the axis had of its own."""
+    rng, begin = np.random.default_rng(resolution), START.replace(hour=3)
+    set_to = [(100.0, 600.0)[i % 2] if 100 <= i < 200 and i % 3 else None for i in range(400)]
+    points = [
+        TrendPoint(
+            1, begin + i * timedelta(minutes=10), i + 1, f"m{i}", 100.0, set_preload, None, None, None, None, None,
+            set_preload or float(rng.normal(300.0, 10.0)), None, None, None, None, None, 1, None, "normal", None,
+        )
+        for i, set_preload in enumerate(set_to)
+    ]  # fmt: skip
+    database = Database(f"sqlite:///{tmp_path}/preload.db")
+    database.migrate()
+    with database.connect() as connection, writing(connection):
+        for point in points:
+            add_point(connection, point)
+        sum_up(connection, 1, [point.at for point in points])
+    for span in (Span(), Span(points[90].at, points[390].at), Span(points[110].at, points[190].at)):
+        with database.connect() as connection, reading(connection):
+            drawn = extremes(connection, 1, span, resolution, monitored=True)
+        own = [p for p in points if p.set_preload_n is None and (span.start or p.at) <= p.at < (span.end or LAST)]
+        moments = [point.at for point in drawn]
+        assert len(drawn) <= resolution
+        assert moments == [point.at for point in own if point.at in moments]
+        preloads, shown = [p.preload_n for p in own], [p.preload_n for p in drawn]
+        assert (min(shown), max(shown)) == (min(preloads), max(preloads))
     database.close()

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from datetime import timedelta
 from itertools import pairwise
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 from sqlalchemy import Connection
 
+from service.store.tables import moment_of
 from service.store.trend.points import Span
 from service.store.trend.rollups import DAY, HOUR, Extremes, begin_of, extremes_held, number_held
 from service.store.trend.shown import PageOf, ShownPoint, page_of_points, points_at
@@ -31,8 +32,19 @@ def extremes(
         return thin_out(_history(points) if monitored else points, resolution)
     units = [HOUR] if n_hours <= most else [DAY, HOUR]
     held = _held(connection, axis_number, span, units)
-    points = points_at(connection, axis_number, extremes_of(held, max(resolution // 2, 1)))
-    return _history(points) if monitored else points
+    stretches = _stretches(held, max(resolution // 2, 1))
+    points = points_at(connection, axis_number, set[int]().union(*map(_shown_of, stretches)))
+    if not monitored or len(history := _history(points)) == len(points):
+        return points
+    set_at = {point.at_us for point in points if point.set_preload_n is not None}
+    ends = [moment_of(stretch[0][0]) for stretch in stretches[1:]]
+    for stretch, end in zip(stretches, [*ends, span.end], strict=True):
+        shown = _shown_of(stretch)
+        if shown & set_at:  # hours and days do not tell readings apart: what else is there stands in its points
+            within = PageOf(Span(moment_of(stretch[0][0]), end), 10**6)
+            others = thin_out(_history(page_of_points(connection, axis_number, within)), 2)
+            history = [point for point in history if point.at_us not in shown] + others
+    return sorted(history, key=attrgetter("at_us", "measurement_id"))
 
 
 def _history(points: Sequence[ShownPoint]) -> list[ShownPoint]:
@@ -66,18 +78,23 @@ def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[
 
 
 def extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
-    """Return when the extremes of each of so many stretches were measured, alike in how much they hold [µs]."""
+    """Return when the extremes of each of so many stretches were measured [µs]."""
+    return set[int]().union(*map(_shown_of, _stretches(held, n_stretches)))
+
+
+def _stretches(held: Sequence[Extremes], n_stretches: int) -> list[Sequence[Extremes]]:
+    """Part what is held into so many stretches at most, alike in how much they hold; none is empty."""
     edges = [i * len(held) // n_stretches for i in range(n_stretches + 1)]
-    moments = set[int]()
-    for begin, end in pairwise(edges):
-        stretch = held[begin:end]
-        valued = [part for part in stretch if part[2] is not None]
-        if valued:
-            extremes_at = min(valued, key=_LOWEST)[2], max(valued, key=_HIGHEST)[4]
-            moments.update(at for at in extremes_at if at is not None)
-        elif stretch:
-            moments.add(stretch[0][0])
-    return moments
+    return [held[begin:end] for begin, end in pairwise(edges) if begin < end]
+
+
+def _shown_of(stretch: Sequence[Extremes]) -> set[int]:
+    """Return when the extremes of a stretch were measured, without a preload its first measurement [µs]."""
+    valued = [part for part in stretch if part[2] is not None]
+    if not valued:
+        return {stretch[0][0]}
+    extremes_at = min(valued, key=_LOWEST)[2], max(valued, key=_HIGHEST)[4]
+    return {at for at in extremes_at if at is not None}
 
 
 def _extremes_at(point: ShownPoint) -> Extremes:
