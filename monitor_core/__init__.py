@@ -84,7 +84,10 @@ __all__ = sorted(_HOME_OF)  # noqa: PLE0605  # what `help` and an editor show
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        return import_module("importlib.metadata").version("preload-monitor")
+        try:
+            return import_module("importlib.metadata").version("preload-monitor")
+        except ImportError as error:
+            raise AttributeError("preload-monitor is not installed: it has no version") from error
     if name not in _HOME_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOME_OF[name]), name)

@@ -237,7 +237,7 @@ def slope_by_tag(
 ) -> FloatArray:
     """Return the derivative of the misfit by the tags of all records, shape (n_values,).
 
-    ``at`` are the tags and ``step`` how far to move them, to the other side where the model has no answer; shape
+    ``tags`` are what they are and ``step`` how far to move them, to the other side where the model has no answer; shape
     (n_settings,) both.
     """
     here = records.retagged(tag, tags).misfit(physics)

@@ -62,7 +62,7 @@ _FIELDS = {
 
 
 class Form(StrEnum):
-    """The forms of a law, in the order of the module's equation."""
+    """The forms of a law."""
 
     CONSTANT = "constant"
     LINEAR = "linear"

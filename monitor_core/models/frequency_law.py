@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray, read_only
+from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 
 #: Places over the range at which the model is asked.
@@ -34,12 +35,19 @@ def frequency_law(
 ) -> FrequencyLaw:
     """Fit the first elastic mode by least squares over evenly spaced values of x; ``conditions`` of each x.
 
-    Fig. 7 of Sun et al. (2022): of degree 2 over the position, of degree 4 over the workpiece mass. The model's own
-    errors are raised.
+    Fig. 7 of Sun et al. (2022): of degree 2 over the position, of degree 4 over the workpiece mass. Raises
+    OutsideValidityError for a range without a width and for a model without an elastic mode; the model's own errors are
+    raised.
     """
+    low, high = between
+    if not low < high:
+        raise OutsideValidityError(f"expected a range from a lower to a higher value; got {low:g} to {high:g}")
     x = np.linspace(*between, _PLACES)
     modes = [model.natural_frequencies(conditions(value), motor_end) for value in x.tolist()]
-    frequency = np.array([next(mode.frequency for mode in of_one if mode.frequency > 0.0) for of_one in modes])
+    elastic = [[mode.frequency for mode in of_one if mode.frequency > 0.0] for of_one in modes]
+    if not all(elastic):
+        raise OutsideValidityError("expected a model with an elastic mode; got one of rigid-body modes alone")
+    frequency = np.array([of_one[0] for of_one in elastic])
     fitted = np.polynomial.Polynomial.fit(x, frequency, degree)
     coefficients = np.asarray(fitted.convert().coef, dtype=np.float64)
     return FrequencyLaw(*between, coefficients, float(np.abs(fitted(x) - frequency).max()))

@@ -290,6 +290,11 @@ def test_the_help_of_the_library_lists_its_public_names():
     assert monitor_core.__version__ in text_of("../CITATION.cff")
 
 
+def test_a_checkout_that_is_not_installed_has_no_version(monkeypatch):
+    monkeypatch.setattr(sys, "path", [])
+    assert not hasattr(monitor_core, "__version__")
+
+
 def test_every_public_name_of_the_library_is_in_its_reference():
     shown = set(re.findall(r"^::: (\S+)$", text_of("reference/library.md"), flags=re.MULTILINE))
     face = {f"{home}.{name}" for home, names in monitor_core._HOMES.items() for name in names}

@@ -9,7 +9,15 @@ import pytest
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.families import FAMILIES
-from monitor_core.models.protocol import DriveConditions, DriveModel, ExcitationPoint, MotorEnd, ResponsePoint
+from monitor_core.models.frequency_law import frequency_law
+from monitor_core.models.protocol import (
+    DriveConditions,
+    DriveModel,
+    ExcitationPoint,
+    MotorEnd,
+    NaturalFrequency,
+    ResponsePoint,
+)
 from monitor_core.models.published.hybrid import HybridModel, HybridParameters
 from monitor_core.models.published.lumped import LumpedModel, LumpedParameters
 from monitor_core.models.published.receptance import ReceptanceModel, ReceptanceParameters
@@ -183,3 +191,19 @@ def test_off_the_screw_is_refused(family: str) -> None:
     for position in (0.0, -0.1, 10.0):
         with pytest.raises(OutsideValidityError, match="position must lie on the screw"):
             model.natural_frequencies(replace(somewhere(model), position=position))
+
+
+def test_a_frequency_law_is_refused_without_a_range_or_an_elastic_mode() -> None:
+    class Rigid(HybridModel):
+        def natural_frequencies(
+            self, conditions: DriveConditions, motor_end: MotorEnd | None = None
+        ) -> tuple[NaturalFrequency, ...]:
+            return (NaturalFrequency(0.0, 0.0),)
+
+    drive = one_axis()["hybrid"]
+    for between in ((0.3, 0.3), (0.4, 0.3)):
+        with pytest.raises(OutsideValidityError, match="from a lower to a higher value; got"):
+            frequency_law(drive, DriveConditions, between, 2)
+    rigid = Rigid(HybridParameters(**SHARED, nut_stiffness=NUT, screw_diameter=DIAMETER, density=DENSITY))
+    with pytest.raises(OutsideValidityError, match="with an elastic mode; got"):
+        frequency_law(rigid, DriveConditions, (0.3, 0.4), 2)
