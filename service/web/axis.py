@@ -165,6 +165,8 @@ def _drawn(
     # the present is shown, whatever is thinned out
     if shown.start <= latest.at < shown.end and latest.set_preload_n is None and latest not in points:
         points = [*points, latest]
+    if not points and not on.trend.at_resolution(axis, Span(), 2, monitored=True).points:
+        return None  # all readings were set on purpose; of a stretch without any the chart leads to the others
     drawn, worked = Drawn.of(points, history.healthy), [event for event in events if event.kind == "work"]
     friction, frequency = (words(N_("Friction torque over time")), "N·m"), (words(N_("Frequency over time")), "Hz")
     return Pictures(

@@ -104,6 +104,8 @@ def test_preloads_set_on_purpose_are_no_history(tmp_path) -> None:
             if number == 2:
                 before = [api.http.get(path).text for path in ("/axes/axis", "/")]
         page, fleet = (api.http.get(path).text for path in ("/axes/axis", "/"))
+        empty = api.http.get("/axes/axis", params={"from": "2020-01-01T00:00:00Z", "to": "2020-02-01T00:00:00Z"}).text
+    assert "?range=all" in empty  # the chart of a stretch without any leads to the others
     assert [("set on purpose" in text, "<svg" in text) for text in before] == [(True, False)] * 2
     assert "set on purpose" not in fleet
     assert sorted(set(re.findall(r'measurements/(\d+)" tabindex', page))) == ["4", "5"]
