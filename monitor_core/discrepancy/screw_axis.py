@@ -5,10 +5,11 @@ hold it. Of the first natural frequency,
 
 .. math::
 
-    \omega^{-2} = m' \left( c_0 + \left[ (c_b + s x)^{-1} + (c_f + s (L - x))^{-1} \right]^{-1} \right), \qquad
-    \frac{1}{m'} = \frac{1}{m} + \frac{i^2}{J}, \quad s = \frac{1}{E S} + \frac{i^2}{G J'}
+    \omega^{-2} = m' \left( c_0 + \frac{i^2 x}{G J'} + \left[ (c_b + s x)^{-1} + (c_f + s (L - x))^{-1} \right]^{-1}
+    \right), \qquad \frac{1}{m'} = \frac{1}{m} + \frac{i^2}{J}, \quad s = \frac{1}{E S}
 
-with the position x on a screw of the length L. What a description is likely to be wrong in is free within wide bounds:
+with the position x on a screw of the length L: whichever bearing carries the force, its torque at the nut twists the
+screw as far as the motor. What a description is likely to be wrong in is free within wide bounds:
 the bearing :math:`1/c_b` within five of its tolerances, a second bearing from none to a stiff one, whatever else yields
 :math:`c_0`, and the mass. Where nothing within them comes near to how the frequency goes with the position, and it
 stands still, goes the other way or smoothly goes otherwise in the data, that speaks against a screw.
@@ -24,7 +25,7 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.extended import AxisPhysics, moving_mass
-from monitor_core.models.protocol import DriveConditions, ResponsePoint, require_position
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint, require_position
 
 #: Of what a turn of the motor moves the table by, over the lead: a gear or a belt before a screw may make less of it.
 _OTHER_TRAVEL = 3.0
@@ -45,6 +46,7 @@ _FAR = (0.0, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 3.0, 30.0)  # of the fixed
 _ELSEWHERE = np.r_[0.0, np.geomspace(0.1, 30.0, 40)]  # of what yields besides, as described: a misprint is of ten
 _FEWEST_POSITIONS, _SAME_POSITION = 3, 2e-3  # [m]
 _LOWEST_LINES, _NEAR_A_PEAK = 4, 3
+_KNOWN_LINE, _RIGID = 8.0, 0.5  # |Y| over its standard deviation; of the frequency with the other end held, at most
 
 
 class Objection(StrEnum):
@@ -71,13 +73,17 @@ def against_screw(axis: AxisPhysics, tolerances: Mapping[str, float], measured: 
     """Return what speaks most against a ball screw axis as described; None where nothing does.
 
     ``tolerances`` are those of the description, as standard deviations of a logarithm by names in files.
+
+    Raises OutsideValidityError if a position is not on the screw that is described.
     """
+    for each in measured:
+        require_position(each.conditions.position, axis.screw.length)
     return _travel(axis, measured) or _along(axis, tolerances, measured)
 
 
 def _travel(axis: AxisPhysics, measured: Measured) -> AgainstScrew | None:
     """Return whether a turn of the motor moves the table by another travel than any screw, gears included."""
-    ratios = [ratio for at in _by_conditions(measured).values() for ratio in _travels_per_angle(at)]
+    ratios = list(_travels_per_angle(axis, measured))
     if not ratios:
         return None
     found = float(np.median(ratios))
@@ -89,37 +95,42 @@ def _travel(axis: AxisPhysics, measured: Measured) -> AgainstScrew | None:
     return AgainstScrew(Objection.TRAVEL, values)
 
 
-def _by_conditions(measured: Measured) -> dict[DriveConditions, dict[ResponsePoint, FrequencyResponseObservation]]:
-    by_conditions: dict[DriveConditions, dict[ResponsePoint, FrequencyResponseObservation]] = {}
-    for each in measured:
-        if isinstance(each, FrequencyResponseObservation):
-            by_conditions.setdefault(each.conditions, {})[each.response_point] = each
-    return by_conditions
-
-
 _ACCELERATIONS = (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ACCELERATION_AT_NUT)
 
 
-def _travels_per_angle(at: Mapping[ResponsePoint, FrequencyResponseObservation]) -> Iterator[float]:
-    """Yield travel over angle of the lowest lines, where table and motor move as a rigid body."""
-    angle = at.get(ResponsePoint.ANGLE_AT_MOTOR)
-    for point in _ACCELERATIONS:
-        table = at.get(point)
-        if angle is None or table is None or not np.array_equal(angle.frequency, table.frequency):
-            continue
-        omega = 2.0 * np.pi * angle.frequency[:_LOWEST_LINES]
-        turning = omega**2 * np.abs(angle.response[:_LOWEST_LINES])
-        yield float(np.median(np.abs(table.response[:_LOWEST_LINES]) / turning))
+def _travels_per_angle(axis: AxisPhysics, measured: Measured) -> Iterator[float]:
+    r"""Yield travel over angle of the lowest lines that are known, where table and motor move as a rigid body.
+
+    It is :math:`i/|1 - (f/f_c)^2|` of the table that a torque drives, with its frequency :math:`f_c` while the rotor is
+    held, and :math:`i \, |1 - (f/f_c)^2|` where a force at the table drives the rotor, with that of the rotor.
+    """
+    found: dict[tuple[DriveConditions, ExcitationPoint], dict[ResponsePoint, FrequencyResponseObservation]] = {}
+    for each in measured:
+        if isinstance(each, FrequencyResponseObservation):
+            found.setdefault((each.conditions, each.excitation), {})[each.response_point] = each
+    for (conditions, excitation), at in found.items():
+        angle = at.get(ResponsePoint.ANGLE_AT_MOTOR)
+        for table in (at[point] for point in _ACCELERATIONS if point in at):
+            if angle is None or not np.array_equal(angle.frequency, table.frequency):
+                continue
+            known = np.all([np.abs(of.response) > _KNOWN_LINE * of.standard_deviation for of in (angle, table)], axis=0)
+            lowest = np.flatnonzero(known)[:_LOWEST_LINES]
+            omega = 2.0 * np.pi * angle.frequency[lowest]
+            if lowest.size == _LOWEST_LINES and omega[-1] < _RIGID * _other_end_held(axis, conditions, excitation):
+                yield float(np.median(np.abs(table.response[lowest] / angle.response[lowest]) / omega**2))
+
+
+def _other_end_held(axis: AxisPhysics, conditions: DriveConditions, excitation: ExcitationPoint) -> float:
+    """Return the described natural frequency of what is not driven, table or rotor, the other held. [rad/s]."""
+    mass = moving_mass(axis) + conditions.payload_mass
+    if excitation is ExcitationPoint.FORCE_AT_TABLE:
+        mass = _turning(axis) / axis.screw.transmission_ratio**2
+    return 1.0 / math.sqrt(mass * float(_described_compliance(axis, np.array([conditions.position]))[0]))
 
 
 def _along(axis: AxisPhysics, tolerances: Mapping[str, float], measured: Measured) -> AgainstScrew | None:
-    """Return whether the first frequency stands still along the travel, or goes the other way.
-
-    Raises OutsideValidityError if a position is not on the screw that is described.
-    """
-    for conditions, _ in _lowest(measured):
-        require_position(conditions.position, axis.screw.length)
-    position, ln_frequency, deviation = _first_frequencies(measured)
+    """Return whether the first frequency stands still along the travel, goes the other way or smoothly otherwise."""
+    position, ln_frequency, deviation = _first_frequencies(list(_lowest(measured)))
     if position.size < _FEWEST_POSITIONS:
         return None
     of_screw = math.inf
@@ -171,48 +182,59 @@ def _elsewhere(axis: AxisPhysics) -> float:
 
 def _of_description(axis: AxisPhysics, position: FloatArray) -> FloatArray:
     """Return ln of the first frequency as it goes along the screw that is described."""
+    return np.asarray(-0.5 * np.log(_mass(axis) * _described_compliance(axis, position)) - math.log(2.0 * math.pi))
+
+
+def _described_compliance(axis: AxisPhysics, position: FloatArray) -> FloatArray:
+    """Return the compliance between rotor and table, as described. [m/N]."""
     joints = axis.joints
-    along = _compliance(axis, position, 1.0 / joints.bearing_stiffness, joints.far_bearing_stiffness)
-    return np.asarray(-0.5 * np.log(_mass(axis) * (along + _elsewhere(axis))) - math.log(2.0 * math.pi))
+    return _elsewhere(axis) + _compliance(axis, position, 1.0 / joints.bearing_stiffness, joints.far_bearing_stiffness)
 
 
 def _compliance(axis: AxisPhysics, position: FloatArray, near: float, far_stiffness: float) -> FloatArray:
     """Return the compliance of a screw and its bearings where the nut is. [m/N]."""
     screw = axis.screw
-    per_length = 1.0 / screw.axial_rigidity
-    per_length += screw.torsion_share * screw.transmission_ratio**2 / screw.torsional_rigidity
-    to_near = near + per_length * position
+    torsion = screw.torsion_share * screw.transmission_ratio**2 / screw.torsional_rigidity * position
+    to_near = near + position / screw.axial_rigidity
     if not far_stiffness:
-        return to_near
+        return to_near + torsion
     to_far = 1.0 / far_stiffness + (screw.length - position) / screw.axial_rigidity
-    return np.asarray(1.0 / (1.0 / to_near + 1.0 / to_far))
+    return np.asarray(1.0 / (1.0 / to_near + 1.0 / to_far) + torsion)
 
 
 def _mass(axis: AxisPhysics) -> float:
     """Return what swings against all that turns. [kg]."""
+    return 1.0 / (1.0 / moving_mass(axis) + axis.screw.transmission_ratio**2 / _turning(axis))
+
+
+def _turning(axis: AxisPhysics) -> float:
+    """Return the inertia of all that turns. [kg·m²]."""
     screw = axis.screw
-    turning = axis.bodies.rotor_inertia + screw.inertia_per_length * screw.length
-    turning += screw.nut_segment_inertia + screw.motor_segment_inertia
-    return 1.0 / (1.0 / moving_mass(axis) + screw.transmission_ratio**2 / turning)
+    segments = screw.nut_segment_inertia + screw.motor_segment_inertia
+    return axis.bodies.rotor_inertia + screw.inertia_per_length * screw.length + segments
 
 
-def _first_frequencies(measured: Measured) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _first_frequencies(found: Sequence[tuple[DriveConditions, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return positions, ln of the first frequency at each, and its standard deviation, each of shape (n_positions,).
 
     What else was set moves it alike at every position: levels of position and of all else add up in its logarithm.
+    Where the two cannot be told apart, what was set most often else is alone looked at.
     """
-    found = [(conditions, math.log(frequency)) for conditions, frequency in _lowest(measured)]
     if not found:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     places = np.array([conditions.position for conditions, _ in found])
     levels = np.unique(np.round(places / _SAME_POSITION) * _SAME_POSITION)
     of_place = np.abs(places[:, None] - levels).argmin(axis=1)
-    others = [(each.preload, each.payload_mass, each.temperature_deviation, each.excitation_level) for each, _ in found]
+    others = [
+        (each.preload, each.payload_mass, round(each.temperature_deviation), each.excitation_level) for each, _ in found
+    ]
     of_other = np.array([others.index(each) for each in others])
     other = np.unique(of_other, return_inverse=True)[1]
     usual = np.bincount(other).argmax()
     columns = np.hstack([np.eye(levels.size)[of_place], np.delete(np.eye(other.max() + 1)[other], usual, axis=1)])
-    values = np.array([value for _, value in found])
+    if np.linalg.matrix_rank(columns) < columns.shape[1]:
+        return _first_frequencies([each for each, level in zip(found, other, strict=True) if level == usual])
+    values = np.log([frequency for _, frequency in found])
     fitted = np.linalg.lstsq(columns, values, rcond=None)[0]
     left = float(np.sqrt(np.mean((values - columns @ fitted) ** 2)))
     several = np.bincount(of_place)
@@ -241,7 +263,7 @@ def _largest_peak(frequency: FloatArray, response: ComplexArray) -> float | None
     (Levy, IRE Trans. Autom. Control 4 (1959) 37).
     """
     size = np.abs(response)
-    peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])) + 1
+    peaks = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
     if not peaks.size:
         return None
     peak = int(peaks[np.argmax(size[peaks])])

@@ -10,8 +10,9 @@ from monitor_core.discrepancy import Objection, Outcome, explain, require_explai
 from monitor_core.discrepancy.screw_axis import against_screw
 from monitor_core.fitting.axis import AxisDescription, DescribedDrive
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.models.extended import ExtendedModel, physics_of
 from monitor_core.models.families import build_model
-from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.recordings.model_file import parse_model
 from service.documents.explanation import explanation_document
 from service.report.verdict import headline, meaning
@@ -22,6 +23,7 @@ from tests.hidden_effects.machines import CENTRE, MACHINES, jittered
 from tests.hidden_effects.situations import Situation
 
 TABLE, MOTOR = ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ANGLE_AT_MOTOR
+TORQUE, FORCE = ExcitationPoint.TORQUE_AT_MOTOR, ExcitationPoint.FORCE_AT_TABLE
 FREQUENCY = np.geomspace(15.0, 900.0, 110)
 PLACES = sorted({setting.position for setting in DESIGNS["rich"](CENTRE, np.random.default_rng(1))})
 LENGTH, MASS, INERTIA = CENTRE.parts.screw_length, CENTRE.moving_mass, CENTRE.parts.motor_inertia
@@ -32,26 +34,27 @@ def described(machine=CENTRE):
     return DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
 
 
-def measured(stiffness_at, ratio, *, noise=0.003, held=0.0):
+def measured(stiffness_at, ratio, *, noise=0.003, held=0.0, frequency=FREQUENCY, excitation=TORQUE):
     """Return responses of two bodies, motor and table, coupled by a spring and a loss of 3 %; no preload is stated.
 
     ``stiffness_at`` a position couples them [N/m]; ``ratio`` is travel over angle of the motor [m/rad], and ``held`` a
     spring from the motor to ground [N/m].
     """
-    rng, omega, found = np.random.default_rng(4), 2.0 * np.pi * FREQUENCY, []
+    rng, omega, found = np.random.default_rng(4), 2.0 * np.pi * frequency, []
     for place in PLACES:
         spring = stiffness_at(place) * (1.0 + 0.03j)
         motor = spring + held * (1.0 + 0.03j) - omega**2 * INERTIA / ratio**2
         table = spring - omega**2 * MASS
         determinant = motor * table - spring**2
         both = {TABLE: -(omega**2) * spring / determinant / ratio, MOTOR: table / determinant / ratio**2}
+        if excitation is FORCE:
+            both = {TABLE: -(omega**2) * motor / determinant, MOTOR: spring / determinant / ratio}
         for point, clean in both.items():
             scatter = rng.standard_normal(omega.size) + 1j * rng.standard_normal(omega.size)
             deviation = noise * np.abs(clean)
             found.append(
                 FrequencyResponseObservation(
-                    DriveConditions(place), FREQUENCY, clean + deviation * scatter, deviation,
-                    ExcitationPoint.TORQUE_AT_MOTOR, point,
+                    DriveConditions(place), frequency, clean + deviation * scatter, deviation, excitation, point,
                 )
             )  # fmt: skip
     return found
@@ -76,6 +79,7 @@ def belt(place):
     [
         (measured(lambda _: STIFFNESS, 0.02), Objection.TRAVEL),  # a rack on a pinion of 40 mm
         (measured(belt, 0.025), Objection.TRAVEL),
+        (measured(belt, 0.025, excitation=FORCE), Objection.TRAVEL),
         (measured(lambda _: STIFFNESS, LEAD_PER_ANGLE), Objection.STANDS),  # a linear motor, told by turns of a lead
         (measured(lambda x: STIFFNESS * (0.8 + 0.4 * x / LENGTH), LEAD_PER_ANGLE), Objection.OTHER_WAY),
         (measured(lambda x: STIFFNESS * math.exp(-2.5 * x / LENGTH), LEAD_PER_ANGLE), Objection.OTHERWISE),
@@ -108,6 +112,91 @@ def test_another_unit_of_a_channel_is_no_other_travel(factor) -> None:
 def test_a_gear_before_a_screw_is_no_other_travel(ratio) -> None:
     found = asked(measured(lambda _: STIFFNESS, LEAD_PER_ANGLE / ratio))
     assert found.objection is Objection.STANDS
+
+
+def screw(place):
+    """Return the stiffness of the described screw in series with what else yields."""
+    parts = CENTRE.parts
+    rigidity = parts.youngs_modulus * math.pi / 4.0 * parts.screw_diameter**2
+    yields = 1.0 / parts.bearing_stiffness + 1.0 / CENTRE.nut_rigidity + 1.0 / parts.bracket_stiffness
+    return 1.0 / (place / rigidity + yields)
+
+
+def changed_at(found, point, change):
+    """Return responses of which those at a point are others."""
+    return [change(each) if each.response_point is point else each for each in found]
+
+
+def noisy_at_first(observation):
+    """Return a response whose ten lowest lines are noise of three times what is there."""
+    size = np.where(np.arange(observation.frequency.size) < 10, 3.0 * np.abs(observation.response), 0.0)
+    deviation = np.maximum(observation.standard_deviation, size)
+    return replace(observation, response=observation.response + size, standard_deviation=deviation)
+
+
+@pytest.mark.parametrize(("excitation", "lowest"), [(TORQUE, 260.0), (FORCE, 66.0)])
+def test_travel_is_that_of_lines_where_table_and_motor_move_as_a_rigid_body(excitation, lowest) -> None:
+    """The table would swing at 145 Hz with the motor held, the motor at some 80 Hz with the table held."""
+    above = np.geomspace(lowest, 900.0, 110)
+    assert asked(measured(screw, LEAD_PER_ANGLE, frequency=above, excitation=excitation)) is None
+
+
+def test_travel_is_not_told_of_lines_that_are_noise() -> None:
+    found = changed_at(measured(screw, LEAD_PER_ANGLE), TABLE, noisy_at_first)
+    assert asked(found) is None
+
+
+def test_travel_is_not_told_of_two_excitations() -> None:
+    """By a hammer at the table the acceleration is per newton, and the angle by the motor per newton metre."""
+    found = changed_at(
+        measured(screw, LEAD_PER_ANGLE), TABLE,
+        lambda each: replace(
+            each, excitation=FORCE, response=LEAD_PER_ANGLE * each.response,
+            standard_deviation=LEAD_PER_ANGLE * each.standard_deviation,
+        ),
+    )  # fmt: skip
+    assert asked(found) is None
+
+
+@pytest.mark.parametrize(("dead", "objection"), [(TABLE, None), (MOTOR, Objection.STANDS)])
+def test_a_dead_channel_says_nothing(dead, objection) -> None:
+    found = changed_at(
+        measured(lambda _: STIFFNESS, LEAD_PER_ANGLE), dead,
+        lambda each: replace(each, response=np.zeros_like(each.response)),
+    )  # fmt: skip
+    answer = asked(found)
+    assert (answer and answer.objection) is objection
+
+
+def test_the_torque_of_the_nut_twists_the_screw_whichever_bearing_carries_the_force() -> None:
+    """Under a payload so heavy that nothing else has mass, the model's first frequency goes as is said of it."""
+    file = parse_model(baseline_text(CENTRE.parts, "receptance"), "centre")
+    parameters = build_model(file.family, file.parameters).parameters
+    physics = physics_of(parameters)
+    joints = replace(physics.joints, far_bearing_stiffness=physics.joints.bearing_stiffness, coupling_stiffness=1e9)
+    joints = replace(joints, dynamic_load_rating=None)  # no preload is stated
+    physics = replace(physics, screw=replace(physics.screw, lead=0.04), joints=joints)
+    ends = [DriveConditions(place, payload_mass=1e5) for place in (PLACES[0], PLACES[-1])]
+    model = ExtendedModel(parameters, physics, highest_frequency=200.0)
+    first, last = (modes[0].frequency for modes in model.natural_frequencies_under(ends, MotorEnd.CLAMPED))
+    rising = [ModalObservation(DriveConditions(place), 145.0 * (1.0 + place)) for place in PLACES]
+    answer = against_screw(physics, {}, rising)
+    assert answer.values["described_change"] == pytest.approx(last / first - 1.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "at_each",
+    [
+        [{"temperature_deviation": 0.05 * index} for index in range(len(PLACES))],
+        [{"payload_mass": 30.0 if index == 1 else 0.0} for index in range(len(PLACES))],
+    ],
+    ids=["warming", "a payload at one position alone"],
+)
+def test_what_else_differs_with_the_position_does_not_hide_that_a_frequency_stands_still(at_each) -> None:
+    table = [
+        ModalObservation(DriveConditions(place, **also), 145.0) for place, also in zip(PLACES, at_each, strict=True)
+    ]
+    assert asked(table).objection is Objection.STANDS
 
 
 def test_it_is_said_before_a_preload_is_asked_for() -> None:
