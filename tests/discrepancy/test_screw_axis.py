@@ -232,7 +232,15 @@ def test_a_healthy_screw_is_one() -> None:
 @pytest.mark.release
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
 @pytest.mark.parametrize(
-    "kind", ["none", "far-bearing-stiffness", "series-compliance", "outside:local-wear", "outside:belt"]
+    "kind",
+    [
+        "none",
+        "far-bearing-stiffness",
+        "series-compliance",
+        "outside:local-wear",
+        "outside:belt",
+        "outside:screw-bending",
+    ],
 )
 def test_a_screw_with_anything_hidden_in_it_is_one(machine, kind) -> None:
     """A second bearing and a soft bracket let the frequency move least; wear at a place, and a gear, are no law."""
