@@ -15,10 +15,10 @@ from monitor_core.discrepancy.description.variation import (
     constant_law,
     evidence_of_variables,
     fitted_settings,
-    judged_on_lines,
     law_of_levels,
     vary_freely,
 )
+from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.search.workspace import StoppableAxis, TimeIsUpError
 from monitor_core.effects import Form, Variable
 from monitor_core.effects.variation import GEAR_RATIO
@@ -77,6 +77,11 @@ def test_neither_description_goes_on_once_time_is_up():
         describe(baseline, baseline, (), None, lambda _sentence: None)
     with axis.stoppable(), pytest.raises(TimeIsUpError):
         describe_levels(baseline, baseline, lambda _sentence: None)
+    told = list[str]()
+    explain_comparison(
+        comparison, drive, (), progress=told.append, time_is_up=lambda: told[-1].startswith("describing what is left")
+    )
+    assert told[-2:] == ["describing what is left", "locating the misfit"]
 
 
 def test_a_law_with_a_value_at_each_level_has_a_share_where_the_fit_reached_the_data():
@@ -211,20 +216,6 @@ def test_a_setting_without_lines_held_out_is_judged_with_the_quantity_as_all_hav
     held_out[4] = 0.0
     judged = FreeVariation(QUANTITIES[0], GRID, cost, held_out).judged
     assert judged == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_third_of_each_response_is_held_out_where_grids_are_offset() -> None:
-    """Twelve settings, each with its lines a little higher than those of the one before."""
-    _, comparison, drive = drawn("outside:belt", "gantry", "poor", 0.003, 7020)
-    layout = comparison.layout
-    offset = replace(comparison, layout=replace(layout, frequency=layout.frequency * (1.0 + 1e-9 * layout.setting)))
-    plain = Hypothesis(drive)
-    before = fit(offset, plain, plain.null, fitted_values(offset.layout))
-    (out,) = judged_on_lines(before).comparison.layout.held_out
-    responses = np.unique(np.column_stack([layout.setting, layout.channel]), axis=0)
-    for setting, channel in responses:
-        share = np.mean(out[(layout.setting == setting) & (layout.channel == channel)])
-        assert share == pytest.approx(1.0 / 3.0, abs=0.1)
 
 
 def test_values_by_lot_follow_no_variable_and_alike_ones_ask_for_none() -> None:

@@ -27,14 +27,13 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.effects import ConditionAxis
 from monitor_core.effects.variation import GEAR_RATIO, Form, Law, Variable, has_quantity, multiplied
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import CommonErrors, Layout, Setting
+from monitor_core.fitting.comparison import CommonErrors, Setting
 from monitor_core.fitting.evidence import EvidenceScale, evidence_scale
 from monitor_core.fitting.solver.costs_of_settings import fitted_numbers, squares_of_values, summed_by_setting
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -250,12 +249,13 @@ def vary_freely(
 
 
 def judged_on_lines(fitted: Fitted[AxisPhysics]) -> Fitted[AxisPhysics]:
-    """Return a fit to all settings, and to most of their lines, whatever was held out: the same third of each response.
+    """Return a fit to all settings, and to most of their lines, whatever was held out: the same lines of each setting.
 
     What is local cannot be seen, nor told, where nothing was fitted. Raises OutsideValidityError as a fit does.
     """
     layout = fitted.comparison.layout
-    out = _line_numbers(layout) % _OF_LINES < _RUN
+    number = np.unique(layout.frequency, return_inverse=True)[1]
+    out = number % _OF_LINES < _RUN
     common = layout.common
     if common is not None:
         group = np.unique(np.column_stack([common.group, out]), axis=0, return_inverse=True)[1].reshape(-1)
@@ -263,14 +263,6 @@ def judged_on_lines(fitted: Fitted[AxisPhysics]) -> Fitted[AxisPhysics]:
     there: Any = fitted.comparison
     comparison = replace(there, layout=replace(layout, held_out=(out,), common=common))
     return fit(comparison, fitted.hypothesis, fitted.coordinates, ~out, errors=fitted.around.errors)
-
-
-def _line_numbers(layout: Layout) -> npt.NDArray[np.intp]:
-    """Return which line of its response each value is, from 0 by frequency: grids of settings may be offset."""
-    columns = np.column_stack([layout.setting, layout.channel, layout.frequency])
-    lines, line = np.unique(columns, axis=0, return_inverse=True)
-    first, response = np.unique(lines[:, :2], axis=0, return_index=True, return_inverse=True)[1:]
-    return np.asarray((np.arange(lines.shape[0]) - first[response.reshape(-1)])[line.reshape(-1)])
 
 
 def fitted_settings(fitted: Fitted[AxisPhysics]) -> tuple[AxisSetting, ...]:
