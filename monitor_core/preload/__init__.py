@@ -37,6 +37,7 @@ from monitor_core.preload.feature import (
     InfluenceCoefficients as InfluenceCoefficients,
     PreloadFeatureCoefficients as PreloadFeatureCoefficients,
     axial_frequency as axial_frequency,
+    position_part as position_part,
     preload_feature as preload_feature,
     preload_from_feature as preload_from_feature,
     preload_sensitivity as preload_sensitivity,

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, TypeAdapter
 
 from monitor_core.arrays import FloatArray
+from monitor_core.preload import position_part
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from service.operations.monitoring.axis_configuration import sisters_of
@@ -76,9 +77,9 @@ def spectra_of(database: Database, axis_id: str, healthy: HealthyFrequency | Non
         stored = measurements.responses_of(session, [point.measurement_id for point in chosen])
 
     def of_place(position: float) -> float:
-        """Return what 1/f² changes by with the position [s²]."""
+        """Return what of 1/f² goes with the position [s²]."""
         if calibration is not None:
-            return (calibration.coefficients.k1 * position + calibration.coefficients.k2) * position
+            return float(position_part(position, calibration.coefficients))
         return 0.0 if healthy is None else healthy.law.shift(Conditions(position))
 
     def corrected(point: ShownPoint, document: object) -> Spectrum:
