@@ -1,13 +1,49 @@
 """Give a drive to whoever designs its controller: real matrices A, B, C, D of few modes, and the error they make."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.published.hybrid import HybridModel as HybridModel  # noqa: PLC0414  # a door
+from monitor_core.models.protocol import DriveConditions, DriveModel
+from monitor_core.models.published.hybrid import HybridModel
 from monitor_core.models.published.small_drive import SecondOrderSystem, undamped_modes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plant:
+    """Motor and table of a drive whose motor end is free: by (τ_m/r_g, f_c) [N] to (r_g θ_m, x_t) [m]."""
+
+    drive: HybridModel
+    conditions: DriveConditions
+
+    @classmethod
+    def of(cls, drive: DriveModel, conditions: DriveConditions) -> "Plant":
+        """Return the plant that a drive of the family hybrid is; raises OutsideValidityError for any other."""
+        if not isinstance(drive, HybridModel):
+            raise OutsideValidityError(
+                "the transfer matrix of motor and table is that of the family hybrid, without effects"
+            )
+        return cls(drive, conditions)
+
+    @property
+    def transmission_ratio(self) -> float:
+        """r_g [m/rad]."""
+        return self.drive.parameters.transmission_ratio
+
+    @property
+    def lossless(self) -> "Plant":
+        """The same without a loss factor."""
+        return replace(self, drive=HybridModel(replace(self.drive.parameters, loss_factor=0.0)))
+
+    def matrix(self, frequency: FloatArray) -> ComplexArray:
+        """Return G(jω) at frequencies [Hz], shape (n_frequencies, 2, 2) [m/N]."""
+        return self.drive.transfer_matrix(np.asarray(2j * np.pi * frequency, dtype=np.complex128), self.conditions)
+
+    def state_space(self, n_modes: int) -> "StateSpace":
+        """Return its lowest modes as :func:`state_space` does."""
+        return state_space(self.drive.equations(self.conditions).system, n_modes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.models import DriveConditions, DriveModel, MotorEnd, NaturalFrequency
 from monitor_core.models.frequency_law import FrequencyLaw, frequency_law
-from monitor_core.models.state_space import HybridModel, relative_error, state_space
+from monitor_core.models.state_space import Plant, relative_error
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from service.cli.inputs.data import require_band
 from service.cli.inputs.model import NumbersCommand, built_model, effects_option
@@ -93,12 +93,14 @@ def modes(
         _show_laws(drive, conditions, end, as_json=as_json)
         return
     if show != "modes":
-        hybrid = _hybrid_of(drive, positions_mm, end)
-        band = _band_of(hybrid, conditions[0], band_hz)
+        plant = _plant_of(drive, conditions, end)
+        resonance = drive.natural_frequencies(conditions[0])[-1].frequency
+        band = band_hz or (0.01 * resonance, 3.0 * resonance)
+        require_band(band)
         if show == "matrix":
-            _show_matrix(hybrid, conditions[0], band, out, as_json=as_json)
+            _show_matrix(plant, band, resonance, out, as_json=as_json)
         else:
-            _show_state_space(hybrid, conditions[0], band, n_modes, out, as_json=as_json)
+            _show_state_space(plant, band, n_modes, out, as_json=as_json)
         return
     modes_at_places = [
         (x, drive.natural_frequencies(place, motor_end=end)) for x, place in zip(positions_mm, conditions, strict=True)
@@ -126,49 +128,33 @@ def _rows(position_mm: float, modes: list[NaturalFrequency]) -> list[tuple[str, 
     ]
 
 
-def _hybrid_of(drive: DriveModel, positions_mm: Sequence[float], motor_end: MotorEnd | None) -> HybridModel:
-    """Return the drive, or refuse what has no transfer matrix of motor and table."""
-    if not isinstance(drive, HybridModel):
-        raise click.UsageError("the transfer matrix of motor and table is that of the family hybrid, without effects")
-    if len(positions_mm) != 1 or motor_end not in (None, MotorEnd.FREE):
+def _plant_of(drive: DriveModel, places: Sequence[DriveConditions], motor_end: MotorEnd | None) -> Plant:
+    """Return motor and table at the one position that is stated."""
+    if len(places) != 1 or motor_end not in (None, MotorEnd.FREE):
         raise click.UsageError("a transfer matrix is that of one position, with a free motor end")
-    return drive
+    return Plant.of(drive, places[0])
 
 
-def _band_of(
-    drive: HybridModel, conditions: DriveConditions, band_hz: tuple[float, float] | None
-) -> tuple[float, float]:
-    """Return the stated band, or one around the elastic mode [Hz]."""
-    if band_hz is not None:
-        require_band(band_hz)
-        return band_hz
-    frequency = drive.natural_frequencies(conditions)[-1].frequency
-    return 0.01 * frequency, 3.0 * frequency
-
-
-def _show_matrix(
-    drive: HybridModel, conditions: DriveConditions, band: tuple[float, float], out: Path | None, *, as_json: bool
-) -> None:
+def _show_matrix(plant: Plant, band: tuple[float, float], resonance: float, out: Path | None, *, as_json: bool) -> None:
     """Print G(jω) of Eq. (13) at some lines of the band; write many, or draw them."""
-    resonance = drive.natural_frequencies(conditions)[-1].frequency
     few = np.unique(np.append(np.geomspace(*band, _FEW), np.clip(resonance, *band)))
-    printed = _matrix(drive, conditions, few)
+    printed = _matrix(plant, few)
     many = np.geomspace(*band, _MANY)
     if out is not None and out.suffix.lower() == ".svg":
-        out.write_text(_picture(drive, conditions, np.linspace(*band, _MANY)), encoding="utf-8")
+        out.write_text(_picture(plant, np.linspace(*band, _MANY)), encoding="utf-8")
     elif out is not None:
         with out.open("w", newline="", encoding="utf-8") as stream:
             write = csv.writer(stream)
             names = [f"{name.lower()}_{part}_m_per_n" for name in _ELEMENTS for part in ("re", "im")]
             write.writerow(["frequency_hz", *names])
-            lines = _matrix(drive, conditions, many)
+            lines = _matrix(plant, many)
             write.writerows(np.column_stack([many, lines.view(np.float64)]).tolist())
     if as_json:
         lines_of = {
             name: {"re": element.real.tolist(), "im": element.imag.tolist()}
             for name, element in zip(_ELEMENTS, printed.T, strict=True)
         }
-        print_json({**_place(conditions), "frequency_hz": few.tolist(), "matrix_m_per_n": lines_of})
+        print_json({**_place(plant.conditions), "frequency_hz": few.tolist(), "matrix_m_per_n": lines_of})
         return
     rows = [
         (f"{frequency:.2f} Hz", *(f"{abs(g):.3e} m/N ∠ {np.degrees(np.angle(g)):+.1f}°" for g in line))
@@ -178,24 +164,16 @@ def _show_matrix(
 
 
 def _show_state_space(
-    drive: HybridModel,
-    conditions: DriveConditions,
-    band: tuple[float, float],
-    n_modes: int,
-    out: Path | None,
-    *,
-    as_json: bool,
+    plant: Plant, band: tuple[float, float], n_modes: int, out: Path | None, *, as_json: bool
 ) -> None:
     """Print the lowest modes as A, B, C, D, with the error over the band; write a MAT file."""
-    space = state_space(drive.equations(conditions).system, n_modes)
-    s = np.asarray(2j * np.pi * np.geomspace(*band, _MANY), dtype=np.complex128)
-    error = relative_error(drive.transfer_matrix(s, conditions), space.transfer_matrix(s))
+    space, many = plant.state_space(n_modes), np.geomspace(*band, _MANY)
+    error = relative_error(plant.matrix(many), space.transfer_matrix(np.asarray(2j * np.pi * many)))
     matrices = {name: getattr(space, name) for name in "ABCD"}
-    ratio = drive.parameters.transmission_ratio
     facts: JsonObject = {
-        **_place(conditions),
+        **_place(plant.conditions),
         "modes": n_modes,
-        "transmission_ratio_m_per_rad": ratio,
+        "transmission_ratio_m_per_rad": plant.transmission_ratio,
         "band_hz": list(band),
         "largest_relative_error": error,
     }
@@ -212,7 +190,7 @@ def _show_state_space(
     for name, matrix in matrices.items():
         columns = [f"{i + 1}" for i in range(matrix.shape[1])]
         print_table(name, columns, [[f"{value:.6g}" for value in row] for row in matrix.tolist()])
-    print_line(f"u: {', '.join(_INPUTS)}; y: {', '.join(_OUTPUTS)}; r_g = {ratio:.6g} m/rad")
+    print_line(f"u: {', '.join(_INPUTS)}; y: {', '.join(_OUTPUTS)}; r_g = {plant.transmission_ratio:.6g} m/rad")
     print_line(f"largest error ‖G − Gₙ‖/‖G‖ from {band[0]:.3g} to {band[1]:.3g} Hz: {100.0 * error:.2g} %")
 
 
@@ -251,9 +229,9 @@ def _show_laws(
     print_table("First natural frequency", ("over", "range", "f in Hz", "largest residual"), rows)
 
 
-def _matrix(drive: HybridModel, conditions: DriveConditions, frequency: FloatArray) -> ComplexArray:
+def _matrix(plant: Plant, frequency: FloatArray) -> ComplexArray:
     """Return G11, G12, G21, G22 of each line, shape (n_lines, 4)."""
-    return drive.transfer_matrix(np.asarray(2j * np.pi * frequency, dtype=np.complex128), conditions).reshape(-1, 4)
+    return plant.matrix(frequency).reshape(-1, 4)
 
 
 def _place(conditions: DriveConditions) -> JsonObject:
@@ -270,13 +248,12 @@ def _polynomial(law: FrequencyLaw) -> str:
     return " ".join(signed).lstrip("+")
 
 
-def _picture(drive: HybridModel, conditions: DriveConditions, frequency: FloatArray) -> str:
+def _picture(plant: Plant, frequency: FloatArray) -> str:
     """Draw |G11|, |G12| = |G21| and |G22|, as Figs. 3 and 5 do: dashed without the loss factor."""
     from service.report.line_chart import WIDE, Curve, LinePicture, line_chart  # noqa: PLC0415  # as above
     from service.report.svg import element, label  # noqa: PLC0415
 
-    lossless = HybridModel(replace(drive.parameters, loss_factor=0.0))
-    own, traditional = (np.abs(_matrix(model, conditions, frequency)) for model in (drive, lossless))
+    own, traditional = (np.abs(_matrix(each, frequency)) for each in (plant, plant.lossless))
     panels = []
     for row, (i, name) in enumerate(((0, "|G11|"), (1, "|G12| = |G21|"), (3, "|G22|"))):
         curves = [Curve(frequency, traditional[:, i], "reference"), Curve(frequency, own[:, i], "measured")]
