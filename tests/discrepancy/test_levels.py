@@ -15,6 +15,7 @@ from monitor_core.discrepancy.description.variation import (
     constant_law,
     evidence_of_variables,
     fitted_settings,
+    judged_on_lines,
     law_of_levels,
     vary_freely,
 )
@@ -26,6 +27,7 @@ from monitor_core.fitting.hold_out import fitted_values, gap_of
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.extended import AxisSetting
+from tests.discrepancy import axes
 from tests.hidden_effects.answered import compared
 from tests.hidden_effects.cases import draw_case
 from tests.hidden_effects.machines import jittered, machine_named
@@ -216,6 +218,24 @@ def test_a_setting_without_lines_held_out_is_judged_with_the_quantity_as_all_hav
     held_out[4] = 0.0
     judged = FreeVariation(QUANTITIES[0], GRID, cost, held_out).judged
     assert judged == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("offset", [1e-9, 0.004])
+def test_neighbouring_lines_of_offset_grids_are_held_out_together(offset) -> None:
+    """Each setting has its lines a little higher than the one before, and some responses lack a few of them."""
+    observations = [
+        each
+        for n, stated in enumerate(axes.settings())
+        for each in axes.measured(axes.true_subject(), [stated], lines=np.delete(axes.LINES, [n]) * (1.0 + offset * n))
+    ]
+    plain = Hypothesis(axes.subject())
+    layout = judged_on_lines(fit(axes.compared(observations), plain, plain.null)).comparison.layout
+    (out,), runs = layout.held_out, axes.LINES[np.arange(axes.LINES.size) % 12 < 4]
+    for number in range(len(layout.settings)):
+        here = layout.setting == number
+        assert np.mean(out[here]) == pytest.approx(1.0 / 3.0, abs=0.1)
+        near = np.min(np.abs(layout.frequency[here & out][:, None] / runs - 1.0), axis=1)
+        assert np.max(near) < 0.1  # a line and the next are 8 % apart
 
 
 def test_values_by_lot_follow_no_variable_and_alike_ones_ask_for_none() -> None:

@@ -27,13 +27,15 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.effects import ConditionAxis
 from monitor_core.effects.variation import GEAR_RATIO, Form, Law, Variable, has_quantity, multiplied
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import CommonErrors, Setting
+from monitor_core.fitting.comparison import CommonErrors, Layout, Setting
+from monitor_core.fitting.conditions.groups import series_of
 from monitor_core.fitting.evidence import EvidenceScale, evidence_scale
 from monitor_core.fitting.solver.costs_of_settings import fitted_numbers, squares_of_values, summed_by_setting
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -254,8 +256,7 @@ def judged_on_lines(fitted: Fitted[AxisPhysics]) -> Fitted[AxisPhysics]:
     What is local cannot be seen, nor told, where nothing was fitted. Raises OutsideValidityError as a fit does.
     """
     layout = fitted.comparison.layout
-    number = np.unique(layout.frequency, return_inverse=True)[1]
-    out = number % _OF_LINES < _RUN
+    out = _numbers_of_lines(layout) % _OF_LINES < _RUN
     common = layout.common
     if common is not None:
         group = np.unique(np.column_stack([common.group, out]), axis=0, return_inverse=True)[1].reshape(-1)
@@ -263,6 +264,20 @@ def judged_on_lines(fitted: Fitted[AxisPhysics]) -> Fitted[AxisPhysics]:
     there: Any = fitted.comparison
     comparison = replace(there, layout=replace(layout, held_out=(out,), common=common))
     return fit(comparison, fitted.hypothesis, fitted.coordinates, ~out, errors=fitted.around.errors)
+
+
+def _numbers_of_lines(layout: Layout) -> npt.NDArray[np.intp]:
+    """Return the place of each line on the grid of the longest response, continued at both ends, (n_values,).
+
+    Responses may have grids that are offset from each other: neighbours of two are one line of the axis.
+    """
+    series, frequency = series_of(layout), layout.frequency
+    grid = np.unique(frequency[series == np.argmax(np.bincount(series))])
+    first, last = grid[1] - grid[0], grid[-1] - grid[-2]
+    below = np.arange(grid[0] - first, float(np.min(frequency)) - first, -first)[::-1]
+    above = np.arange(grid[-1] + last, float(np.max(frequency)) + last, last)
+    grid = np.concatenate([below, grid, above])
+    return np.searchsorted(0.5 * (grid[:-1] + grid[1:]), frequency)
 
 
 def fitted_settings(fitted: Fitted[AxisPhysics]) -> tuple[AxisSetting, ...]:
