@@ -1,7 +1,7 @@
 """Explain a discrepancy end to end: compare, find what is missing, and judge it."""
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -59,7 +59,8 @@ def explain_comparison(
     *partial* or *unknown*, with what was not tried. Raises OutsideValidityError if the described axis
     itself has no answer under one of the conditions.
     """
-    asked = _Asked(axis, tuple(candidates), sizes, progress or (lambda _: None), time_is_up or (lambda: False))
+    told = _Progress(progress or (lambda _: None))
+    asked = _Asked(axis, tuple(candidates), sizes, told, time_is_up or (lambda: False))
     layout = comparison.layout
     asked.progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
     records = cleared(comparison, axis, asked.progress, candidates)
@@ -69,7 +70,7 @@ def explain_comparison(
         worst = searched.worst
         if worst is None:  # what a wrong record leaves must not be described
             judged = asked.judge(searched)
-            if searched.unfinished or (searched.is_settled and judged.final is searched.final):
+            if judged.unfinished or (searched.is_settled and judged.final is searched.final):
                 break
             worst, _ = records.worst(judged.final)
         if worst is None:
@@ -108,6 +109,18 @@ class _Searched(Generic[Physics]):
         return not self.unfinished and not judged_gap(self.final).exceeds_healthy
 
 
+@dataclass(eq=False)
+class _Progress:
+    """What is being done, told and kept."""
+
+    tell: Callable[[str], None]
+    doing: str = ""
+
+    def __call__(self, sentence: str) -> None:
+        self.doing = sentence
+        self.tell(sentence)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked(Generic[Physics]):
     """What is asked of any of the records."""
@@ -115,7 +128,7 @@ class _Asked(Generic[Physics]):
     axis: DescribedAxis[Physics]
     candidates: tuple[Effect[Physics], ...]
     sizes: MachineSizes | None
-    progress: Callable[[str], None]
+    progress: _Progress
     time_is_up: Callable[[], bool]
 
     def search(
@@ -128,13 +141,7 @@ class _Asked(Generic[Physics]):
         in the place of what was found: it will be sought without that record. Nor is it where what was found is one
         name, and what follows the excitation by a law of its own explains more.
         """
-        comparison, doing = records.kept, "comparing the model as stated"
-
-        def report(sentence: str) -> None:
-            nonlocal doing
-            doing = sentence
-            self.progress(sentence)
-
+        comparison, report = records.kept, self.progress
         layout = comparison.layout
         report(f"adjusting the model to {layout.n_values} values at {len(layout.settings)} settings")
         stoppable = StoppableAxis(self.axis, lambda: bool(workspace.so_far) and self.time_is_up())
@@ -153,7 +160,7 @@ class _Asked(Generic[Physics]):
                     worst, _ = records.worst(steps[-1])
                 found, classes = _named(workspace, steps, for_now=worst is not None or follows is not None)
         except TimeIsUpError:
-            worst, follows, unfinished = None, None, _unfinished(workspace, doing)
+            worst, follows, unfinished = None, None, _unfinished(workspace, report.doing)
             found = judge_so_far(workspace, stoppable)
             classes, final = classes_with_fit(found, self.candidates)
             found = replace(found, final=final)
@@ -161,12 +168,17 @@ class _Asked(Generic[Physics]):
 
     def judge(self, searched: _Searched[Physics]) -> Judged[Physics]:
         """Judge what is left, and describe it if it is too much."""
-        found, final, classes = searched.found, searched.final, searched.classes
-        remainder = remainder_of(final, counts_strain=True)
-        members = ((group.representative.effect, group.representative.delta_bic) for group in classes)
+        final, remainder = searched.final, remainder_of(searched.final, counts_strain=True)
+        members = ((group.representative.effect, group.representative.delta_bic) for group in searched.classes)
         wanders = wandering(final, members, remainder)
-        with nullcontext() if searched.unfinished else searched.axis.stoppable():
+        try:
+            with nullcontext() if searched.unfinished else searched.axis.stoppable():
+                searched = _with_laws_of_time(searched)
+                outcome, description = self._conclude(searched, remainder, wanders=bool(wanders))
+        except TimeIsUpError:  # which is raised once: nothing more is asked then
+            searched = replace(searched, unfinished=Unfinished(self.progress.doing))
             outcome, description = self._conclude(searched, remainder, wanders=bool(wanders))
+        found, classes = searched.found, searched.classes
         if description is not None and description.fitted is not None:
             outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
             found, classes = description.put_into(found, classes)
@@ -201,16 +213,15 @@ class _Asked(Generic[Physics]):
             outcome if follow else _outcome(found.baseline, found.final, classes, remainder, PULLS_OF_TOLERANCES)
         )
         described, named = None, by_tolerances if outcome in _UNCERTAIN else outcome
-        with suppress(TimeIsUpError):  # which is raised once: nothing more is asked then
-            # effects with names that explain what is missing leave nothing to describe but what settings scatter
-            if outcome is Outcome.UNKNOWN or (outcome is Outcome.PARTIAL and by_tolerances is Outcome.PARTIAL):
-                described = describe(found.baseline, found.final, workspace.candidates, self.sizes, workspace.progress)
-                described = described or describe_levels(found.baseline, found.final, workspace.progress)
-                if described is not None and described.fitted is not None:
-                    return outcome, described
-            if named in _SURE:
-                described = None  # what has no form is not said beside a name
-                described = self._elsewhere(workspace, found.final)
+        # effects with names that explain what is missing leave nothing to describe but what settings scatter
+        if outcome is Outcome.UNKNOWN or (outcome is Outcome.PARTIAL and by_tolerances is Outcome.PARTIAL):
+            described = describe(found.baseline, found.final, workspace.candidates, self.sizes, workspace.progress)
+            described = described or describe_levels(found.baseline, found.final, workspace.progress)
+            if described is not None and described.fitted is not None:
+                return outcome, described
+        if named in _SURE:
+            described = None  # what has no form is not said beside a name
+            described = self._elsewhere(workspace, found.final)
         return named, None if named is Outcome.NONE else described
 
     def _elsewhere(self, workspace: Workspace[Physics], final: Fitted[Physics]) -> Description | None:
@@ -241,12 +252,18 @@ def _named(
     # where something is missing no size is so well known that the mode would matter
     if not lost and classes and not judged_gap(final).exceeds_healthy:
         final = at_mode(final)
-    groups = list(classes)
-    if not lost and has_lines(final.comparison.layout):
-        with suppress(TimeIsUpError):  # all else is known by now
-            for number, accepted in enumerate(found.accepted):
-                groups[number] = _left_to_time(workspace, found, groups[number], accepted)
-    return replace(found, final=final), groups
+    return replace(found, final=final), classes
+
+
+def _with_laws_of_time(searched: _Searched[Physics]) -> _Searched[Physics]:
+    """Return what was found, with the law of time in the classes that it would do in the place of."""
+    found = searched.found
+    is_named = not (searched.unfinished or searched.follows or names_nothing(found.baseline, found.final))
+    if not is_named or not has_lines(found.final.comparison.layout):
+        return searched
+    pairs = zip(searched.classes, found.accepted, strict=True)
+    classes = tuple(_left_to_time(searched.workspace, found, group, accepted) for group, accepted in pairs)
+    return replace(searched, classes=classes)
 
 
 def _left_to_time(

@@ -302,7 +302,7 @@ class Unfinished:
     """A search that was left when its time was up."""
 
     doing: str  # in the words of its progress
-    untried: tuple[str, ...]  # keys of the effects that no fit had tried
+    untried: tuple[str, ...] = ()  # keys of the effects that no fit had tried; none once a search has ended
 
 
 @dataclass(frozen=True, slots=True, eq=False)

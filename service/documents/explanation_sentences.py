@@ -202,7 +202,7 @@ def untested_sentence(untested: Untested) -> str:
 def unfinished_sentence(unfinished: Unfinished, wording: Wording) -> str:
     """Return what a search was doing when its time was up, and what it had not tried."""
     listed = ", ".join(map(wording.effect, unfinished.untried))
-    untried = f"no fit had tried {listed}" if listed else "every effect had been tried in some fit"
+    untried = f"no fit had tried {listed}" if listed else "every effect had been looked at"
     return (
         f"Time was up while {unfinished.doing}: {untried}, and what else would do in the place of what was found was "
         "not looked for to the end; give it more time to be sure of the answer."

@@ -20,6 +20,7 @@ from monitor_core.discrepancy.description.variation import (
     vary_freely,
 )
 from monitor_core.discrepancy.explain_comparison import explain_comparison
+from monitor_core.discrepancy.explanation import Outcome, Unfinished
 from monitor_core.discrepancy.search.workspace import StoppableAxis, TimeIsUpError
 from monitor_core.effects import Form, Variable
 from monitor_core.effects.variation import GEAR_RATIO
@@ -80,10 +81,11 @@ def test_neither_description_goes_on_once_time_is_up():
     with axis.stoppable(), pytest.raises(TimeIsUpError):
         describe_levels(baseline, baseline, lambda _sentence: None)
     told = list[str]()
-    explain_comparison(
+    answer = explain_comparison(
         comparison, drive, (), progress=told.append, time_is_up=lambda: told[-1].startswith("describing what is left")
     )
     assert told[-2:] == ["describing what is left", "locating the misfit"]
+    assert (answer.outcome, answer.unfinished) == (Outcome.UNKNOWN, Unfinished("describing what is left"))
 
 
 def test_a_law_with_a_value_at_each_level_has_a_share_where_the_fit_reached_the_data():
