@@ -468,7 +468,8 @@ class Records(Generic[Physics]):
         One that was taken warm may stand out where the others of its level do not: it is wrong; or it is right, shows
         what warmth does to the axis, and the fit has bent to another; or another was not as warm as it says. The tag of
         that one changes nothing without an effect of temperature, and such an effect explains little while the tag
-        counts as right: so both are tried together.
+        counts as right: so both are tried together. An effect that the description states is one of them, for it may be
+        stated too small; of one that the fit has found the size is fitted.
         """
         index, every = worst.number - 1, frozenset(range(len(whole.layout.settings)))
         levels, price = (

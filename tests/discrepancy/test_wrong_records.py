@@ -174,6 +174,21 @@ def test_of_two_records_that_were_warm_neither_is_wrong() -> None:
     assert [effect.key for effect in answer.effects] == ["thermal-stiffness"]
 
 
+@pytest.mark.parametrize(
+    ("truth", "tag", "wrong"),
+    [(SOFTENING, 75.0, {len(WARM) - 1}), ({"relative_change_per_k": -1e-3}, 40.0, set())],
+)
+def test_of_an_axis_that_is_stated_to_soften_the_record_with_a_wrong_tag_alone_is_wrong(truth, tag, wrong) -> None:
+    """Where it softens twice as much as is stated, both warm records stand out and are right."""
+    drive = replace(subject(), present={"thermal-stiffness": SOFTENING})
+    physics = effects_by_key()["thermal-stiffness"].added_to(true_subject(), truth)
+    ends = {"excitation": ExcitationPoint.TORQUE_AT_MOTOR, "response": ResponsePoint.ANGLE_AT_MOTOR}
+    *observations, last = measured(physics, WARM, **ends)
+    observations.append(replace(last, conditions=replace(last.conditions, temperature_deviation=tag)))
+    candidates = [effects_by_key()[key] for key in THERMAL]
+    assert cleared(compared(observations), drive, lambda _: None, candidates).wrong == wrong
+
+
 @pytest.mark.release
 def test_a_warm_record_with_a_wrong_preload_is_no_preload_that_follows_temperature() -> None:
     """The effect would need another record to be wrong as well, and explains no more."""
