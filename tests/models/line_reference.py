@@ -13,19 +13,22 @@ import scipy.sparse.linalg
 
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.transmission_line import TransmissionLineParameters
-from monitor_core.models.published.transmission_line.grid import SMOOTH_GUIDES, discretise
+from monitor_core.models.published.transmission_line.grid import SMOOTH, discretise
 from monitor_core.models.published.transmission_line.junctions import (
     BearingState,
+    LoopState,
     MotorState,
     NutState,
     TableState,
     bearing_force,
+    dry_friction,
     motor_torque,
     nut_against_a_held_table,
     nut_step,
+    speed_loop,
     table_step,
 )
-from monitor_core.models.published.transmission_line.kernel import Inputs, LineState, Outputs, Rings, plain_stepper
+from monitor_core.models.published.transmission_line.kernel import Inputs, LineState, Outputs, Rings, advance
 from tests.conftest import PROJECT_ROOT
 
 
@@ -46,16 +49,16 @@ HEAVY = {
 UNDAMPED = {name: 0.0 for name in TransmissionLineParameters.__dataclass_fields__ if name.endswith("_damping")}
 
 
-def drive_on(grid, parameters, position=0.6, motor_end=MotorEnd.FREE, friction=SMOOTH_GUIDES, **conditions):
+def drive_on(grid, parameters, position=0.6, motor_end=MotorEnd.FREE, friction=SMOOTH, *, control=None, **conditions):
     """Return the discretised drive and the places of its nut on both lines."""
     share = position / parameters.screw_length
-    drive = discretise(parameters, grid, DriveConditions(position, **conditions), motor_end, friction)
+    drive = discretise(parameters, grid, DriveConditions(position, **conditions), motor_end, friction, control=control)
     return drive, share * grid.axial_sections, share * grid.torsional_sections
 
 
-def inputs_of(torque, axial_place, torsional_place, force=None):
+def inputs_of(torque, axial_place, torsional_place, force=None, speed=None):
     torque = np.asarray(torque, dtype=float)
-    full = [torque, np.zeros_like(torque) if force is None else force]
+    full = [torque, *(np.zeros_like(torque) if values is None else values for values in (speed, force))]
     full += [np.broadcast_to(place, torque.shape) for place in (axial_place, torsional_place)]
     return Inputs(*(values.tolist() for values in full))
 
@@ -66,7 +69,7 @@ def empty_rings(drive):
 
 
 def empty_outputs(n):
-    return Outputs(*([0.0] * n for _ in range(3)))
+    return Outputs(*([0.0] * n for _ in Outputs._fields))
 
 
 def as_arrays(sequences):
@@ -81,11 +84,14 @@ def plain_loop(drive, inputs, waves=None):
     ma, mt, za, zt, i = drive.lines
     b, a, tb, ta = waves or (np.zeros(ma), np.zeros(ma), np.zeros(mt), np.zeros(mt))
     bearing, far_bearing, nut, table, motor = BearingState(), BearingState(), NutState(), TableState(), MotorState()
+    loop, torque = LoopState(), 0.0
     outputs = empty_outputs(len(inputs.torque))
     for k in range(len(inputs.torque)):
         j, near, far = place(inputs.torsional_place[k])
-        turning = i * free_velocity(tb, ta, (j, near, far), zt)
-        torsional = i * i * (near * near + far * far) / (2.0 * zt)
+        mobility = (near * near + far * far) / (2.0 * zt)
+        rate = free_velocity(tb, ta, (j, near, far), zt)
+        on_nut = dry_friction(drive.nut_friction, rate / mobility - torque, 1.0 / mobility)
+        turning, torsional = i * (rate - mobility * on_nut), i * i * mobility
         twist = drive.bracket_compliance + near * far * drive.torsional_cell_compliance
         mean_force = 0.0
         for _ in range(drive.axial_substeps):
@@ -104,13 +110,24 @@ def plain_loop(drive, inputs, waves=None):
             on_far_bearing, far_bearing = bearing_force(drive.far_bearing, far_bearing, far_outward)
             shift(b, a, outward - on_bearing, on_far_bearing - far_outward)
         torque = i * mean_force
-        leave(tb, ta, j, 0.5 * near * torque, 0.5 * far * torque)
+        nut_torque = torque + on_nut
+        leave(tb, ta, j, 0.5 * near * nut_torque, 0.5 * far * nut_torque)
         incident, far_incident = float(ta[0]), float(tb[-1])
-        at_end, motor = motor_torque(drive.motor, motor, incident, inputs.torque[k])
-        shift(tb, ta, at_end - incident, -far_incident)
-        outputs.acceleration[k] = table.force / drive.moving_mass
-        outputs.displacement[k] = table.displacement
-        outputs.angle[k] = motor.angle
+        loop = speed_loop(drive.loop, loop, inputs.speed[k], motor.angle)
+        on_rotor = inputs.torque[k] + loop.torque
+        at_end, held, motor = motor_torque(drive.motor, motor, incident, on_rotor)
+        shift(
+            tb,
+            ta,
+            at_end - held - incident,
+            dry_friction(drive.far_bearing_friction, 2 * far_incident, zt) - far_incident,
+        )
+        recorded = (
+            table.force / drive.moving_mass, table.displacement, motor.angle, on_rotor, at_end, nut_torque, on_bearing,
+            on_far_bearing,
+        )  # fmt: skip
+        for samples, value in zip(outputs, recorded, strict=True):
+            samples[k] = value
     return outputs, (b, a, tb, ta)
 
 
@@ -151,7 +168,7 @@ def in_space(rings, state):
 
 def step_matrix(drive, axial_place, torsional_place):
     """Return the matrix of one torsional step, from a run of one step for each unit state."""
-    step, inputs, outputs = plain_stepper(), inputs_of([0.0], axial_place, torsional_place), empty_outputs(1)
+    step, inputs, outputs = advance, inputs_of([0.0], axial_place, torsional_place), empty_outputs(1)
     ma, mt = drive.lines.axial_sections, drive.lines.torsional_sections
     lengths = [ma, ma, mt, mt, *(len(stub._fields) for stub in STUBS)]
     ends = np.cumsum(lengths)
@@ -165,7 +182,7 @@ def step_matrix(drive, axial_place, torsional_place):
         else:
             stubs[part - 4] = stubs[part - 4]._replace(**{STUBS[part - 4]._fields[offset]: 1.0})
         state = step(drive, LineState(0, 0, *stubs), rings, inputs, outputs)
-        after = np.concatenate([*in_space(rings, state), *(np.array(stub) for stub in state[2:])])
+        after = np.concatenate([*in_space(rings, state), *(np.array(stub) for stub in state[2:7])])
         (row,) = np.nonzero(after)
         rows.append(row)
         columns.append(np.full(len(row), column))

@@ -9,7 +9,7 @@ import scipy.optimize
 from monitor_core.models.protocol import MotorEnd
 from monitor_core.models.published.transmission_line import common_step_grid, synchronised_grid
 from monitor_core.models.published.transmission_line.junctions import Bearing, Nut
-from monitor_core.models.published.transmission_line.kernel import LineState, plain_stepper
+from monitor_core.models.published.transmission_line.kernel import LineState, advance
 from tests.models.line_reference import (
     UNDAMPED,
     drive_on,
@@ -44,7 +44,7 @@ def rings_of_noise(drive, seed):
 
 
 def run(drive, places, rings, n):
-    return plain_stepper()(drive, LineState(), rings, inputs_of(np.zeros(n), *places), empty_outputs(n))
+    return advance(drive, LineState(), rings, inputs_of(np.zeros(n), *places), empty_outputs(n))
 
 
 def test_free_rods_return_bitwise_after_two_passes():
@@ -66,7 +66,7 @@ def test_clamped_rod_returns_negated_after_two_passes_and_bitwise_after_four():
     state = run(drive, places, rings, 2 * 25)
     for before, after in zip(start, in_space(rings, state)[:2], strict=True):
         np.testing.assert_array_equal(after, -before)
-    step = plain_stepper()
+    step = advance
     state = step(drive, state, rings, inputs_of(np.zeros(50), *places), empty_outputs(50))
     for before, after in zip(start, in_space(rings, state)[:2], strict=True):
         np.testing.assert_array_equal(after, before)

@@ -1,11 +1,15 @@
 """The time stepping: rings against the plain loop, energy, dry friction, and a nut that moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.transmission_line import (
+    DriveFriction,
+    SpeedControl,
     StribeckFriction,
     TransmissionLineModel,
     common_step_grid,
@@ -15,9 +19,9 @@ from monitor_core.models.published.transmission_line import (
 from monitor_core.models.published.transmission_line.junctions import TableState
 from monitor_core.models.published.transmission_line.kernel import (
     LineState,
+    advance,
     compiled_stepper,
     compiler_installed,
-    plain_stepper,
 )
 from tests.models.line_reference import (
     HEAVY,
@@ -36,17 +40,22 @@ from tests.models.line_reference import (
 )
 
 needs_compiler = pytest.mark.skipif(not compiler_installed(), reason="numba is not installed (extra `compiled`)")
-STRIBECK = StribeckFriction(coulomb_force=20.0, static_force=30.0, stribeck_velocity=1e-3)
+STRIBECK = DriveFriction(guides=StribeckFriction(coulomb=20.0, static=30.0, stribeck_velocity=1e-3))
+TURNING = StribeckFriction(coulomb=0.1, static=0.2, stribeck_velocity=0.1)
+EVERYWHERE = replace(STRIBECK, nut=TURNING, bearing=TURNING, far_bearing=TURNING)
 
 
 def moving_run(grid, n, motor_end=MotorEnd.FREE):
-    """Torque and force of noise on a nut that travels over many nodes."""
+    """Torque, force and commanded speed of noise on a nut that travels over many nodes."""
     rng = np.random.default_rng(3)
     parameters = shaft(bracket_stiffness=9e8)
-    drive, *_ = drive_on(grid, parameters, motor_end=motor_end, friction=STRIBECK)
+    control = SpeedControl(0.5, 0.02, 1e-4, 1e-4) if motor_end is MotorEnd.FREE else None
+    drive, *_ = drive_on(grid, parameters, motor_end=motor_end, friction=EVERYWHERE, control=control)
     share = (0.4 + 0.2 * np.arange(n) / n) / parameters.screw_length
     places = share * grid.axial_sections, share * grid.torsional_sections
-    return drive, inputs_of(5.0 * rng.standard_normal(n), *places, force=100.0 * rng.standard_normal(n))
+    return drive, inputs_of(
+        5.0 * rng.standard_normal(n), *places, 100.0 * rng.standard_normal(n), rng.standard_normal(n)
+    )
 
 
 GRIDS = {"common step": common_step_grid(shaft(), 40), "synchronised": synchronised_grid(shaft(), 1e-5)}
@@ -58,7 +67,7 @@ def test_rings_equal_the_plain_loop_bitwise(grid, motor_end):
     n = 1500
     drive, inputs = moving_run(grid, n, motor_end)
     outputs = empty_outputs(n)
-    plain_stepper()(drive, LineState(), empty_rings(drive), inputs, outputs)
+    advance(drive, LineState(), empty_rings(drive), inputs, outputs)
     reference, _ = plain_loop(drive, inputs)
     for ring, loop in zip(outputs, reference, strict=True):
         assert np.any(ring)
@@ -72,7 +81,7 @@ def test_compiled_steps_equal_python_s_bitwise(grid):
     n = 4000
     drive, inputs = moving_run(grid, n)
     outputs, compiled = empty_outputs(n), as_arrays(empty_outputs(n))
-    plain_stepper()(drive, LineState(), empty_rings(drive), inputs, outputs)
+    advance(drive, LineState(), empty_rings(drive), inputs, outputs)
     compiled_stepper()(drive, LineState(), as_arrays(empty_rings(drive)), as_arrays(inputs), compiled)
     for python, machine in zip(outputs, compiled, strict=True):
         assert np.any(machine)
@@ -103,7 +112,7 @@ def test_energy_is_conserved_to_1e_10_over_a_million_steps_of_the_common_step(se
 
 
 def energy_after_each_step(drive, parameters, places, n, state=STRUCK):
-    step, rings = plain_stepper(), empty_rings(drive)
+    step, rings = advance, empty_rings(drive)
     compliance = series_compliance(drive, *places)
     inputs, outputs = inputs_of([0.0], *places), empty_outputs(1)
     energy = [stored_energy(drive, parameters, rings, state, compliance)]
@@ -144,11 +153,14 @@ def test_the_paper_s_hold_at_1_microsecond_loses_less_than_a_millionth_in_200_00
     assert 1.0 - energy[-1] / energy[0] < 1e-6
 
 
-def test_energy_never_grows_with_friction():
-    parameters = shaft(bracket_stiffness=9e8, **UNDAMPED)
-    drive, *places = drive_on(common_step_grid(parameters, 40), parameters, position=0.613, friction=STRIBECK)
+@pytest.mark.parametrize("nut", [StribeckFriction(0.0, 0.0), TURNING], ids=["none at the nut", "everywhere"])
+def test_energy_never_grows_with_friction(nut):
+    parameters, friction = shaft(bracket_stiffness=9e8, **UNDAMPED), replace(EVERYWHERE, nut=nut)
+    drive, *places = drive_on(common_step_grid(parameters, 40), parameters, position=0.613, friction=friction)
     energy = energy_after_each_step(drive, parameters, places, 4000, LineState(table=TableState(velocity=2e-3)))
-    assert np.max(np.diff(energy)) <= 1e-14 * energy[0]
+    # a nut that rubs knows its load from the last step: what it gives back by that is nothing beside what it takes
+    gained = np.sum(np.maximum(np.diff(energy), 0.0))
+    assert gained <= (1e-4 if nut.static else 1e-10) * (energy[0] - energy[-1])
     assert energy[-1] < 0.9 * energy[0]
 
 
@@ -158,11 +170,12 @@ def test_energy_never_grows_with_friction():
 def test_a_sliding_table_stops_after_the_distance_that_coulomb_friction_allows():
     # A nut of 1 mN/m holds nothing: s = v²/(2 F/m), t = v m/F, and then the table stays where it is.
     parameters = shaft(nut_stiffness=1e-3, **UNDAMPED)
-    drive, *places = drive_on(common_step_grid(parameters, 20), parameters, friction=StribeckFriction(50.0, 50.0))
+    friction = DriveFriction(StribeckFriction(50.0, 50.0))
+    drive, *places = drive_on(common_step_grid(parameters, 20), parameters, friction=friction)
     v, deceleration = 5e-3, 50.0 / 300.0
     n = round(1.5 * v / deceleration / (2 * drive.table.half_step))
     outputs = empty_outputs(n)
-    plain_stepper()(
+    advance(
         drive,
         LineState(table=TableState(velocity=v, force=-50.0)),
         empty_rings(drive),
@@ -195,7 +208,7 @@ def test_friction_fades_from_the_static_to_the_coulomb_force():
     n = round(0.08 / grid.time_step)
     outputs = empty_outputs(n)
     start = LineState(table=TableState(velocity=5e-3, force=-20.0))
-    plain_stepper()(drive, start, empty_rings(drive), inputs_of(np.zeros(n), *places), outputs)
+    advance(drive, start, empty_rings(drive), inputs_of(np.zeros(n), *places), outputs)
     velocity = np.gradient(np.array(outputs.displacement), grid.time_step)
     sliding = velocity > 1e-5
     assert np.min(velocity[sliding]) < 2e-5
@@ -206,7 +219,7 @@ def test_friction_fades_from_the_static_to_the_coulomb_force():
 
 
 def test_friction_that_cannot_be_is_refused():
-    with pytest.raises(OutsideValidityError, match="exceed static_force"):
+    with pytest.raises(OutsideValidityError, match="exceed the static one"):
         StribeckFriction(30.0, 20.0, 1e-3)
     with pytest.raises(OutsideValidityError, match="stribeck_velocity must be positive"):
         StribeckFriction(20.0, 30.0)
@@ -236,7 +249,7 @@ def noise_of_travel(sections, rounded):
             compiled_stepper(),
         )
     else:
-        rings, step = empty_rings(drive), plain_stepper()
+        rings, step = empty_rings(drive), advance
     step(drive, LineState(), rings, inputs, outputs)
     acceleration = np.array(outputs.acceleration)[settle:]
     return np.sqrt(np.mean(acceleration**2)), np.max(np.abs(acceleration))

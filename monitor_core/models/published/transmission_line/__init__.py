@@ -5,7 +5,9 @@ runs a drive in time; ``mobility`` and ``modes`` say what the same discretised d
 """
 
 from monitor_core.models.published.transmission_line.grid import (
+    DriveFriction as DriveFriction,
     LineGrid as LineGrid,
+    SpeedControl as SpeedControl,
     StribeckFriction as StribeckFriction,
     TransmissionLineParameters as TransmissionLineParameters,
     closest_common_step_grid as closest_common_step_grid,

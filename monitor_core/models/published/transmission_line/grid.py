@@ -16,7 +16,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.ball_screw import BallScrew, nut_rigidity
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.published.transmission_line.junctions import Bearing, Motor, Nut, Table
+from monitor_core.models.published.transmission_line.junctions import Bearing, Friction, Motor, Nut, SpeedLoop, Table
 from monitor_core.models.published.transmission_line.kernel import LineDrive, Lines
 
 
@@ -190,30 +190,73 @@ def _axial_sections(parameters: TransmissionLineParameters, torsional_sections: 
 
 @dataclass(frozen=True, slots=True)
 class StribeckFriction:
-    """Dry friction of the guides: Coulomb friction, and a static force that fades as the table moves (Stribeck)."""
+    """Dry friction at one place: Coulomb friction, and a static one that fades as it moves (Stribeck).
 
-    coulomb_force: float  # [N]
-    static_force: float  # [N]
-    stribeck_velocity: float = 0.0  # where half of what the static force adds has gone [m/s]
+    In N and m/s, or where something turns in N·m and rad/s.
+    """
+
+    coulomb: float
+    static: float
+    stribeck_velocity: float = 0.0  # where half of what the static one adds has gone
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.coulomb_force <= self.static_force < math.inf:
+        if not 0.0 <= self.coulomb <= self.static < math.inf:
             raise OutsideValidityError(
-                "coulomb_force must not be negative nor exceed static_force; "
-                f"got {self.coulomb_force} N and {self.static_force} N"
+                f"coulomb friction must not be negative nor exceed the static one; got {self.coulomb} and {self.static}"
             )
-        fades = self.static_force > self.coulomb_force
+        fades = self.static > self.coulomb
         if not math.isfinite(self.stribeck_velocity) or self.stribeck_velocity < 0.0 or (
             fades and self.stribeck_velocity == 0.0
         ):  # fmt: skip
             raise OutsideValidityError(
-                "stribeck_velocity must be positive where static_force exceeds coulomb_force; "
-                f"got {self.stribeck_velocity} m/s"
+                "stribeck_velocity must be positive where the static friction exceeds coulomb friction; "
+                f"got {self.stribeck_velocity}"
             )
 
 
-#: Guides without dry friction.
-SMOOTH_GUIDES = StribeckFriction(0.0, 0.0)
+_NONE = StribeckFriction(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFriction:
+    """Dry friction of a drive, one law at each of its places; Table 1 has the bearings and the nut."""
+
+    guides: StribeckFriction = _NONE  # [N]
+    nut: StribeckFriction = _NONE  # between screw and nut [N·m]
+    bearing: StribeckFriction = _NONE  # at the motor end of the screw [N·m]
+    far_bearing: StribeckFriction = _NONE  # [N·m]
+
+
+SMOOTH = DriveFriction()
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedControl:
+    """Velocity loop of the drive: a sampled PI controller, and a current that lags behind (section 5, Fig. 9)."""
+
+    proportional_gain: float  # [N·m·s/rad]
+    integral_time: float  # [s]
+    current_lag: float  # time constant of the first order; 0: none [s]
+    sampling_time: float  # [s]
+
+    def __post_init__(self) -> None:
+        for name in ("proportional_gain", "integral_time", "sampling_time"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise OutsideValidityError(f"{name} of the speed loop must be positive; got {value}")
+        if not 0.0 <= self.current_lag < math.inf:
+            raise OutsideValidityError(f"current_lag must not be negative; got {self.current_lag} s")
+
+    def on(self, step: float) -> SpeedLoop:
+        """Return the loop in steps of the lines [s], to the next whole number of which its sampling time is put."""
+        every = max(1, round(self.sampling_time / step))
+        followed = 1.0 if self.current_lag == 0.0 else -math.expm1(-step / self.current_lag)
+        period = every * step
+        return SpeedLoop(self.proportional_gain, period / self.integral_time, every, period, followed)
+
+
+#: The motor is driven by the stated torque alone.
+_OPEN = SpeedLoop(0.0, 0.0, 1, 1.0, 0.0)
 
 
 def discretise(
@@ -221,7 +264,9 @@ def discretise(
     grid: LineGrid,
     conditions: DriveConditions,
     motor_end: MotorEnd,
-    friction: StribeckFriction,
+    friction: DriveFriction = SMOOTH,
+    *,
+    control: SpeedControl | None = None,
 ) -> LineDrive:
     """Return the discretised drive: lines as delays, everything else as trapezoidal stubs."""
     h = 0.5 * grid.axial_step
@@ -244,12 +289,17 @@ def discretise(
             half_step=h,
             mass_impedance=moving_mass / h,
             viscous_friction=parameters.table_damping,
-            coulomb_force=friction.coulomb_force,
-            static_force=friction.static_force,
-            stribeck_velocity=friction.stribeck_velocity,
+            friction=_dry(friction.guides),
         ),
-        motor=_motor(parameters, grid, motor_end),
+        motor=_motor(parameters, grid, motor_end, _dry(friction.bearing)),
+        loop=_OPEN if control is None else control.on(grid.time_step),
+        nut_friction=_dry(friction.nut),
+        far_bearing_friction=_dry(friction.far_bearing),
     )
+
+
+def _dry(friction: StribeckFriction) -> Friction:
+    return Friction(friction.coulomb, friction.static, friction.stribeck_velocity)
 
 
 def _bearing(stiffness: float, damping: float, half_step: float, impedance: float) -> Bearing:
@@ -258,7 +308,7 @@ def _bearing(stiffness: float, damping: float, half_step: float, impedance: floa
     return Bearing(half_step, resistance / (impedance + resistance), stiffness * share, impedance)
 
 
-def _motor(parameters: TransmissionLineParameters, grid: LineGrid, motor_end: MotorEnd) -> Motor:
+def _motor(parameters: TransmissionLineParameters, grid: LineGrid, motor_end: MotorEnd, friction: Friction) -> Motor:
     h = 0.5 * grid.time_step
     turns = motor_end is MotorEnd.FREE
     inertia_impedance = parameters.rotor_inertia / h
@@ -271,4 +321,5 @@ def _motor(parameters: TransmissionLineParameters, grid: LineGrid, motor_end: Mo
         coupling_stiffness=parameters.coupling_stiffness,
         coupling_resistance=parameters.coupling_stiffness * h + parameters.coupling_damping,
         impedance=grid.torsional_impedance(parameters),
+        friction=friction,
     )

@@ -1,4 +1,4 @@
-"""Compute one step of the junctions: the bearings, the nut, the table and the motor.
+"""Compute one step of the junctions: the bearings, the nut, the table, the motor and its speed loop.
 
 Force and torque are the voltage of the paper, velocity the current; B arrives at a junction with the screw coordinate,
 A against it. Springs, masses and inertias are trapezoidal stubs, which store and return energy without loss: with half
@@ -8,6 +8,14 @@ These functions and tuples are read by the compiler of ``kernel`` as well as by 
 """
 
 from typing import NamedTuple
+
+
+class Friction(NamedTuple):
+    """Dry friction at a place: Coulomb friction, and a static one that fades; N and m/s, or N·m and rad/s."""
+
+    coulomb: float = 0.0
+    static: float = 0.0
+    stribeck_velocity: float = 0.0
 
 
 class Bearing(NamedTuple):
@@ -49,9 +57,7 @@ class Table(NamedTuple):
     half_step: float  # h [s]
     mass_impedance: float  # m/h [N·s/m]
     viscous_friction: float  # [N·s/m]
-    coulomb_force: float  # [N]
-    static_force: float  # [N]
-    stribeck_velocity: float  # [m/s]
+    friction: Friction  # of the guides
 
 
 class TableState(NamedTuple):
@@ -63,7 +69,7 @@ class TableState(NamedTuple):
 
 
 class Motor(NamedTuple):
-    """Rotor and coupling at the motor end of the torsional line."""
+    """Rotor, coupling and front bearing at the motor end of the torsional line."""
 
     half_step: float  # h [s]
     prescribed: bool  # the torque acts on the screw, and nothing else does
@@ -73,6 +79,27 @@ class Motor(NamedTuple):
     coupling_stiffness: float  # k [N·m/rad]
     coupling_resistance: float  # kh + c [N·m·s/rad]
     impedance: float  # Z of the line [N·m·s/rad]
+    friction: Friction  # of the bearing
+
+
+class SpeedLoop(NamedTuple):
+    """A sampled PI controller of the motor's speed, and a current that follows what it asks for with a lag."""
+
+    proportional: float  # torque per speed; 0: the motor is driven by the stated torque alone [N·m·s/rad]
+    per_sample: float  # sampling time over integral time [-]
+    every: int  # steps in a sampling time
+    sampling_time: float  # [s]
+    followed: float  # of the distance to the torque asked for, in a step: 1 - exp(-step/lag) [-]
+
+
+class LoopState(NamedTuple):
+    """What the controller holds."""
+
+    until: int = 0  # steps until the next sample
+    angle: float = 0.0  # of the motor at the last one [rad]
+    integral: float = 0.0  # of the error, over the integral time [rad/s]
+    asked: float = 0.0  # torque [N·m]
+    torque: float = 0.0  # that the current gives [N·m]
 
 
 class MotorState(NamedTuple):
@@ -114,31 +141,42 @@ def nut_against_a_held_table(
     return (spring + nut.resistance * (approach + memory / h)) * gain, nut.resistance * gain
 
 
+def dry_friction(friction: Friction, driving: float, impedance: float) -> float:
+    """Return the friction against what drives a body: all of it where the body sticks.
+
+    From impedance · v = driving − friction, implicit in v. Coulomb friction rises to the static one towards rest,
+    F_c + (F_s − F_c)/(1 + (v/v_s)²) (Stribeck, in the form of Hess and Soom, 1990); the impedance, m/h or 2Z, exceeds
+    its slope by orders of magnitude, so three iterations do.
+    """
+    if friction.static == 0.0:
+        return 0.0
+    size = abs(driving)
+    if size <= friction.static:
+        return driving
+    against = friction.static
+    if friction.static > friction.coulomb:
+        for _ in range(3):
+            ratio = (size - against) / (impedance * friction.stribeck_velocity)
+            against = friction.coulomb + (friction.static - friction.coulomb) / (1.0 + ratio * ratio)
+    return against if driving > 0.0 else -against
+
+
 def table_step(
     table: Table, state: TableState, held: float, resistance: float, force_at_table: float
 ) -> tuple[float, TableState]:
     """Return the force of the nut on the table, held − (resistance) v, and the next state of the table.
 
-    From (m/h + c) v = F + external force + (m/h) v_old + F_old − friction. Coulomb friction rises to the static force
-    towards rest, F_c + (F_s − F_c)/(1 + (v/v_s)²) (Stribeck, in the form of Hess and Soom, 1990); m/h exceeds its slope
-    by orders of magnitude, so three iterations do.
+    From (m/h + c) v = F + external force + (m/h) v_old + F_old − friction.
 
     A table that sticks has no acceleration. Without that the trapezoidal rule would go on alternating between the last
     one and its opposite; forgetting it takes energy away and never adds any.
     """
     driving = held + force_at_table + table.mass_impedance * state.velocity + state.force
     impedance = table.mass_impedance + table.viscous_friction + resistance
-    size = abs(driving)
+    friction = dry_friction(table.friction, driving, impedance)
     memory = state.displacement + table.half_step * state.velocity
-    if table.static_force > 0.0 and size <= table.static_force:
+    if table.friction.static > 0.0 and friction == driving:
         return held, TableState(memory, 0.0, 0.0)
-    friction = table.static_force
-    if table.static_force > table.coulomb_force:
-        for _ in range(3):
-            ratio = (size - friction) / (impedance * table.stribeck_velocity)
-            friction = table.coulomb_force + (table.static_force - table.coulomb_force) / (1.0 + ratio * ratio)
-    if driving < 0.0:
-        friction = -friction
     velocity = (driving - friction) / impedance
     force = held - resistance * velocity
     rest = force + force_at_table - table.viscous_friction * velocity - friction
@@ -154,24 +192,57 @@ def nut_step(nut: Nut, state: NutState, rate: float, force: float, compliance: f
     return NutState(state.deflection + h * (state.rate + nut_rate), nut_rate, compliance * force, series_rate)
 
 
-def motor_torque(motor: Motor, state: MotorState, incident: float, torque: float) -> tuple[float, MotorState]:
-    """Return the torque on the motor end of the screw, and the next state of rotor and coupling.
+def motor_torque(motor: Motor, state: MotorState, incident: float, torque: float) -> tuple[float, float, MotorState]:
+    """Return the torques of the coupling and of the bearing's friction on the screw, and the next state.
 
-    From ω = (T − 2A)/Z at the end of the line, (J/h + c) Ω = torque − T + … at the rotor, and the coupling between.
+    From ω = (T − T_f − 2A)/Z at the end of the line, (J/h + c) Ω = torque − T + … at the rotor, and the coupling
+    between.
     """
     h = motor.half_step
     if motor.prescribed:
-        rate = (torque - 2.0 * incident) / motor.impedance
-        return torque, MotorState(state.angle + h * (state.rate + rate), rate, 0.0, 0.0, 0.0)
+        friction = dry_friction(motor.friction, torque - 2.0 * incident, motor.impedance)
+        rate = (torque - friction - 2.0 * incident) / motor.impedance
+        return torque, friction, MotorState(state.angle + h * (state.rate + rate), rate, 0.0, 0.0, 0.0)
     spring = motor.coupling_stiffness * (state.twist + h * state.twist_rate)
     drive = torque + motor.inertia_impedance * state.rate + state.torque
     relative = drive * motor.admittance + 2.0 * incident / motor.impedance
     gain = 1.0 / (1.0 + motor.coupling_resistance * (motor.admittance + 1.0 / motor.impedance))
     coupling = (spring + motor.coupling_resistance * relative) * gain
+    friction = 0.0
+    if motor.friction.static > 0.0:  # it twists the coupling, which takes a share of it
+        share = motor.coupling_resistance * gain / motor.impedance
+        left = 1.0 - share
+        friction = dry_friction(motor.friction, (coupling - 2.0 * incident) / left, motor.impedance / left)
+        coupling += share * friction
+        relative += friction / motor.impedance
     rate = (drive - coupling) * motor.admittance
     twist_rate = relative - coupling * (motor.admittance + 1.0 / motor.impedance)
     # a clamped rotor is held by whatever torque it takes
     rest = torque - coupling - motor.viscous_friction * rate if motor.admittance > 0.0 else 0.0
-    return coupling, MotorState(
-        state.angle + h * (state.rate + rate), rate, rest, state.twist + h * (state.twist_rate + twist_rate), twist_rate
+    return (
+        coupling,
+        friction,
+        MotorState(
+            state.angle + h * (state.rate + rate),
+            rate,
+            rest,
+            state.twist + h * (state.twist_rate + twist_rate),
+            twist_rate,
+        ),
     )
+
+
+def speed_loop(loop: SpeedLoop, state: LoopState, speed: float, angle: float) -> LoopState:
+    """Return the next state of a controller that compares a commanded speed [rad/s] with that of an encoder.
+
+    At each sample T = K_p (e + ∑ e T_s/T_i) with e = speed − (θ − θ_before)/T_s, held until the next.
+    """
+    if loop.proportional == 0.0:
+        return state
+    until, before, integral, asked, torque = state
+    if until == 0:
+        error = speed - (angle - before) / loop.sampling_time
+        integral += loop.per_sample * error
+        asked = loop.proportional * (error + integral)
+        until, before = loop.every, angle
+    return LoopState(until - 1, before, integral, asked, torque + loop.followed * (asked - torque))

@@ -10,26 +10,29 @@ numbers to the last bit.
 
 import functools
 import importlib.util
-from collections.abc import Callable, MutableSequence, Sequence
-from typing import NamedTuple, Protocol, TypeVar, cast
+from collections.abc import MutableSequence, Sequence
+from typing import NamedTuple, Protocol, cast
 
 from monitor_core.models.published.transmission_line.junctions import (
     Bearing,
     BearingState,
+    Friction,
+    LoopState,
     Motor,
     MotorState,
     Nut,
     NutState,
+    SpeedLoop,
     Table,
     TableState,
     bearing_force,
+    dry_friction,
     motor_torque,
     nut_against_a_held_table,
     nut_step,
+    speed_loop,
     table_step,
 )
-
-_Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 class Lines(NamedTuple):
@@ -56,6 +59,9 @@ class LineDrive(NamedTuple):
     nut: Nut
     table: Table
     motor: Motor
+    loop: SpeedLoop
+    nut_friction: Friction
+    far_bearing_friction: Friction
 
 
 class LineState(NamedTuple):
@@ -68,6 +74,8 @@ class LineState(NamedTuple):
     nut: NutState = NutState()
     table: TableState = TableState()
     motor: MotorState = MotorState()
+    loop: LoopState = LoopState()
+    load: float = 0.0  # torque of the nut's force on the screw [N·m]
 
 
 class Rings(NamedTuple):
@@ -82,7 +90,8 @@ class Rings(NamedTuple):
 class Inputs(NamedTuple):
     """What acts on the drive, one value for each step."""
 
-    torque: Sequence[float]  # [N·m]
+    torque: Sequence[float]  # on the rotor, besides that of the loop [N·m]
+    speed: Sequence[float]  # of the motor, as commanded [rad/s]
     force_at_table: Sequence[float]  # [N]
     axial_place: Sequence[float]  # of the nut, counted in axial sections [-]
     torsional_place: Sequence[float]  # of the nut, counted in torsional sections [-]
@@ -94,6 +103,11 @@ class Outputs(NamedTuple):
     acceleration: MutableSequence[float]  # of the table [m/s²]
     displacement: MutableSequence[float]  # of the table [m]
     angle: MutableSequence[float]  # of the motor [rad]
+    motor_torque: MutableSequence[float]  # on the rotor [N·m]
+    screw_torque: MutableSequence[float]  # of the coupling on the screw [N·m]
+    nut_torque: MutableSequence[float]  # of the screw on the nut, its friction included [N·m]
+    bearing_force: MutableSequence[float]  # of the screw on the mounting at x = 0, positive as the position [N]
+    far_bearing_force: MutableSequence[float]  # at the far end [N]
 
 
 class NutPlace(NamedTuple):
@@ -117,25 +131,18 @@ class Stepper(Protocol):
         ...
 
 
-class _Compiler(Protocol):
-    def __call__(self, function: _Function, /) -> _Function: ...
-
-
-def _as_it_is(function: _Function) -> _Function:
-    return function
-
-
-def plain_stepper() -> Stepper:
-    """Return the stepper as Python; it is fastest with lists."""
-    return _build(_as_it_is)
-
-
 @functools.cache  # compiling takes seconds
 def compiled_stepper() -> Stepper:
     """Return the stepper as machine code; it takes arrays of float64 instead of lists."""
     import numba  # noqa: PLC0415  an optional extra
+    from numba.extending import register_jitable  # noqa: PLC0415
 
-    return _build(cast(_Compiler, numba.njit))
+    for called in (
+        bearing_force, dry_friction, motor_torque, nut_against_a_held_table, nut_step, speed_loop, table_step,
+        _draw, _free_velocity, _place, _slot,
+    ):  # fmt: skip
+        register_jitable(called)
+    return cast(Stepper, numba.njit(advance))
 
 
 def compiler_installed() -> bool:
@@ -143,69 +150,72 @@ def compiler_installed() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-def _build(compiled: _Compiler) -> Stepper:
-    """Put the stepper together from functions that are compiled, or left as they are."""
-    # numba follows calls only to what it has compiled, and finds it among the names of this function
-    at_bearing, at_motor, table_moves, nut_moves, held_nut = (
-        compiled(bearing_force), compiled(motor_torque), compiled(table_step), compiled(nut_step),
-        compiled(nut_against_a_held_table),
+def advance(drive: LineDrive, state: LineState, rings: Rings, inputs: Inputs, outputs: Outputs) -> LineState:
+    """Advance rings and state over all inputs, write the outputs, return the last state; fastest with lists."""
+    ar, al, tr, tl = rings
+    ta, tt, bearing, far_bearing, nut, table, motor, loop, load = state
+    ma, mt, za, zt, i = drive.lines
+    for k in range(len(inputs.torque)):
+        at = _place(inputs.torsional_place[k], tt, mt)
+        mobility = (at.near * at.near + at.far * at.far) / (2.0 * zt)
+        rate = _free_velocity(tr, tl, at, zt)
+        nut_friction = 0.0
+        if drive.nut_friction.static > 0.0:  # its load is known from the last step
+            nut_friction = dry_friction(drive.nut_friction, rate / mobility - load, 1.0 / mobility)
+        turning = i * (rate - mobility * nut_friction)
+        torsional = i * i * mobility
+        twist = drive.bracket_compliance + at.near * at.far * drive.torsional_cell_compliance
+
+        mean_force, on_bearing, on_far_bearing = 0.0, 0.0, 0.0
+        for _ in range(drive.axial_substeps):  # torsional values are held
+            aa = _place(inputs.axial_place[k], ta, ma)
+            approach = turning + _free_velocity(ar, al, aa, za)
+            admittance = torsional + (aa.near * aa.near + aa.far * aa.far) / (2.0 * za)
+            compliance = twist + aa.near * aa.far * drive.axial_cell_compliance
+            held, resistance = nut_against_a_held_table(drive.nut, nut, approach, (admittance, compliance))
+            force, table = table_step(drive.table, table, held, resistance, inputs.force_at_table[k])
+            nut = nut_step(drive.nut, nut, approach - admittance * force - table.velocity, force, compliance)
+            _draw(ar, al, aa, force)
+            mean_force += force / drive.axial_substeps
+
+            first, last = _slot(0, ta, ma), _slot(0, -ta, ma)  # what arrives at x = 0 and at the far end
+            outward, far_outward = -al[first], ar[last]
+            on_bearing, bearing = bearing_force(drive.bearing, bearing, outward)
+            on_far_bearing, far_bearing = bearing_force(drive.far_bearing, far_bearing, far_outward)
+            ar[last] = outward - on_bearing
+            al[first] = on_far_bearing - far_outward
+            ta = ta + 1 if ta + 1 < ma else 0
+
+        load = i * mean_force
+        _draw(tr, tl, at, load + nut_friction)
+        loop = speed_loop(drive.loop, loop, inputs.speed[k], motor.angle)
+        motor_torque_now = inputs.torque[k] + loop.torque
+        first, last = _slot(0, tt, mt), _slot(0, -tt, mt)
+        incident, far_incident = tl[first], tr[last]
+        torque, friction, motor = motor_torque(drive.motor, motor, incident, motor_torque_now)
+        tr[last] = torque - friction - incident
+        # Table 1: the far end is free but for the friction of its bearing
+        tl[first] = dry_friction(drive.far_bearing_friction, 2.0 * far_incident, zt) - far_incident
+        tt = tt + 1 if tt + 1 < mt else 0
+
+        outputs.acceleration[k] = table.force / drive.moving_mass
+        outputs.displacement[k] = table.displacement
+        outputs.angle[k] = motor.angle
+        outputs.motor_torque[k] = motor_torque_now
+        outputs.screw_torque[k] = torque
+        outputs.nut_torque[k] = load + nut_friction
+        outputs.bearing_force[k] = on_bearing
+        outputs.far_bearing_force[k] = on_far_bearing
+    return LineState(ta, tt, bearing, far_bearing, nut, table, motor, loop, load)
+
+
+def _place(position: float, turn: int, sections: int) -> NutPlace:
+    j = int(position)
+    far = position - j
+    return NutPlace(
+        _slot(j, -turn, sections), _slot(j + 1, -turn, sections), _slot(j, turn, sections),
+        _slot(j + 1, turn, sections), 1.0 - far, far,
     )  # fmt: skip
-    slot, velocity, draw = compiled(_slot), compiled(_free_velocity), compiled(_draw)
-
-    @compiled
-    def place(position: float, turn: int, sections: int) -> NutPlace:
-        j = int(position)
-        far = position - j
-        return NutPlace(
-            slot(j, -turn, sections), slot(j + 1, -turn, sections), slot(j, turn, sections),
-            slot(j + 1, turn, sections), 1.0 - far, far,
-        )  # fmt: skip
-
-    @compiled
-    def step(drive: LineDrive, state: LineState, rings: Rings, inputs: Inputs, outputs: Outputs) -> LineState:
-        ar, al, tr, tl = rings
-        ta, tt, bearing, far_bearing, nut, table, motor = state
-        ma, mt, za, zt, i = drive.lines
-        for k in range(len(inputs.torque)):
-            at = place(inputs.torsional_place[k], tt, mt)
-            turning = i * velocity(tr, tl, at, zt)
-            torsional = i * i * (at.near * at.near + at.far * at.far) / (2.0 * zt)
-            twist = drive.bracket_compliance + at.near * at.far * drive.torsional_cell_compliance
-
-            mean_force = 0.0
-            for _ in range(drive.axial_substeps):  # torsional values are held
-                aa = place(inputs.axial_place[k], ta, ma)
-                approach = turning + velocity(ar, al, aa, za)
-                admittance = torsional + (aa.near * aa.near + aa.far * aa.far) / (2.0 * za)
-                compliance = twist + aa.near * aa.far * drive.axial_cell_compliance
-                held, resistance = held_nut(drive.nut, nut, approach, (admittance, compliance))
-                force, table = table_moves(drive.table, table, held, resistance, inputs.force_at_table[k])
-                nut = nut_moves(drive.nut, nut, approach - admittance * force - table.velocity, force, compliance)
-                draw(ar, al, aa, force)
-                mean_force += force / drive.axial_substeps
-
-                first, last = slot(0, ta, ma), slot(0, -ta, ma)  # what arrives at x = 0 and at the far end
-                outward, far_outward = -al[first], ar[last]
-                on_bearing, bearing = at_bearing(drive.bearing, bearing, outward)
-                on_far_bearing, far_bearing = at_bearing(drive.far_bearing, far_bearing, far_outward)
-                ar[last] = outward - on_bearing
-                al[first] = on_far_bearing - far_outward
-                ta = ta + 1 if ta + 1 < ma else 0
-
-            draw(tr, tl, at, i * mean_force)
-            first, last = slot(0, tt, mt), slot(0, -tt, mt)
-            incident, far_incident = tl[first], tr[last]
-            torque, motor = at_motor(drive.motor, motor, incident, inputs.torque[k])
-            tr[last] = torque - incident
-            tl[first] = -far_incident  # Table 1: the far end is free
-            tt = tt + 1 if tt + 1 < mt else 0
-
-            outputs.acceleration[k] = table.force / drive.moving_mass
-            outputs.displacement[k] = table.displacement
-            outputs.angle[k] = motor.angle
-        return LineState(ta, tt, bearing, far_bearing, nut, table, motor)
-
-    return step
 
 
 def _slot(node: int, turn: int, sections: int) -> int:

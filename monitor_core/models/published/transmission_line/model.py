@@ -5,12 +5,12 @@ The drive is given a torque and a force at the table; its nut moves while waves 
 
 import math
 from collections.abc import MutableSequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import cast
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, read_only
+from monitor_core.arrays import FloatArray, read_only_samples
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import (
     DriveConditions,
@@ -24,9 +24,10 @@ from monitor_core.models.protocol import (
     require_frequencies,
 )
 from monitor_core.models.published.transmission_line.grid import (
-    SMOOTH_GUIDES,
+    SMOOTH,
+    DriveFriction,
     LineGrid,
-    StribeckFriction,
+    SpeedControl,
     TransmissionLineParameters,
     closest_common_step_grid,
     discretise,
@@ -36,9 +37,9 @@ from monitor_core.models.published.transmission_line.kernel import (
     LineState,
     Outputs,
     Rings,
+    advance,
     compiled_stepper,
     compiler_installed,
-    plain_stepper,
 )
 from monitor_core.models.published.transmission_line.mobility import DiscreteDrive, response_at
 from monitor_core.models.published.transmission_line.modes import natural_frequencies, normal_modes
@@ -47,16 +48,21 @@ from monitor_core.response import FrequencyResponse
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveMotion:
-    """What a drive does, one value for each time step, from rest."""
+    """What a drive does, one value for each time step, from rest; each of shape (n_samples,)."""
 
     time_step: float  # [s]
-    acceleration_at_table: FloatArray  # shape (n_samples,) [m/s²]
-    displacement_at_table: FloatArray  # shape (n_samples,) [m]
-    angle_at_motor: FloatArray  # shape (n_samples,) [rad]
+    acceleration_at_table: FloatArray  # [m/s²]
+    displacement_at_table: FloatArray  # [m]
+    angle_at_motor: FloatArray  # [rad]
+    motor_torque: FloatArray  # on the rotor, of the current [N·m]
+    screw_torque: FloatArray  # of the coupling on the screw, as a torque sensor behind it sees it [N·m]
+    nut_torque: FloatArray  # of the screw on the nut, its friction included, as a strain gauge sees it [N·m]
+    bearing_force: FloatArray  # of the screw on the mounting of its fixed bearing, as a load washer sees it [N]
+    far_bearing_force: FloatArray  # on that of its far bearing [N]
 
     def __post_init__(self) -> None:
-        for name in ("acceleration_at_table", "displacement_at_table", "angle_at_motor"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        for item in fields(self)[1:]:
+            object.__setattr__(self, item.name, read_only_samples(getattr(self, item.name)))
 
 
 def simulate_drive(
@@ -68,7 +74,9 @@ def simulate_drive(
     motor_end: MotorEnd = MotorEnd.FREE,
     force_at_table: FloatArray | None = None,
     position: FloatArray | None = None,
-    friction: StribeckFriction = SMOOTH_GUIDES,
+    friction: DriveFriction = SMOOTH,
+    control: SpeedControl | None = None,
+    speed: FloatArray | None = None,
 ) -> DriveMotion:
     r"""Run the drive in time, from rest.
 
@@ -82,25 +90,32 @@ def simulate_drive(
 
     Torque [N·m], force along the axis [N] and position [m] have the shape (n_samples,). The torque acts on the rotor,
     or with a prescribed motor end on the screw; a clamped motor end takes none. A position says where the nut is at
-    each step, instead of the position of the conditions. The friction is the dry friction of the guides.
-    ``OutsideValidityError`` if the arrays differ in length or are not finite, the nut comes within a section of an end
-    of the screw, or a clamped motor is given a torque.
+    each step, instead of the position of the conditions. With ``control`` the motor follows the commanded ``speed``
+    [rad/s] of that shape, and the torque acts besides, as a disturbance. ``OutsideValidityError`` if the arrays differ
+    in length or are not finite, the nut comes within a section of an end of the screw, or a motor that does not turn
+    freely is given what only such a one takes.
     """
     torque = _finite("torque", torque, np.shape(torque))
     force = _finite("force_at_table", np.zeros_like(torque) if force_at_table is None else force_at_table, torque.shape)
     if motor_end is MotorEnd.CLAMPED and np.any(torque):
         raise OutsideValidityError("a clamped motor takes no torque; give zeros, or another motor end")
+    if control is not None and motor_end is not MotorEnd.FREE:
+        raise OutsideValidityError(f"a speed loop drives a motor that turns freely; got {motor_end}")
+    commanded = _finite("speed", np.zeros_like(torque) if speed is None else speed, torque.shape)
     if position is None:
         position = np.full_like(torque, conditions.position)
     place = _places(_finite("position", position, torque.shape), parameters.screw_length, grid)
 
-    drive = discretise(parameters, grid, conditions, motor_end, friction)
-    stepper, sequence = (compiled_stepper(), _array) if compiler_installed() else (plain_stepper(), _list)
-    outputs = Outputs(*(sequence(np.zeros(torque.size)) for _ in range(3)))
+    drive = discretise(parameters, grid, conditions, motor_end, friction, control=control)
+    stepper, sequence = (compiled_stepper(), _array) if compiler_installed() else (advance, _list)
+    outputs = Outputs(*(sequence(np.zeros(torque.size)) for _ in Outputs._fields))
     rings = Rings(*(sequence(np.zeros(n)) for n in 2 * (grid.axial_sections,) + 2 * (grid.torsional_sections,)))
-    inputs = Inputs(*(sequence(values) for values in (torque, force, *place)))
+    inputs = Inputs(*(sequence(values) for values in (torque, commanded, force, *place)))
     stepper(drive, LineState(), rings, inputs, outputs)
-    return DriveMotion(grid.time_step, *(np.asarray(values) for values in outputs))
+    recorded = tuple(np.asarray(values) for values in outputs)
+    for samples in recorded:
+        samples.setflags(write=False)
+    return DriveMotion(grid.time_step, *recorded)
 
 
 def _array(values: FloatArray) -> MutableSequence[float]:
