@@ -1,49 +1,151 @@
-"""Ask one service: windows and recordings in, trends, alarms, jobs and tables out.
+"""Send what can be asked of one service: each call waited for, or of an event loop."""
 
-A request is repeated where that is safe: always while nobody answers the call or the service is busy (503), for then
-nothing was changed; after a broken connection only what may be done twice. Windows may: the service knows them by axis
-and time.
-"""
-
-import base64
+import asyncio
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
-from datetime import datetime
-from pathlib import Path
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager
+from functools import wraps
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, cast
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from preload_client.errors import JobFailedError, ProblemError, UnreachableError
-from preload_client.exchange import Transport, exchange, tls_context
-from preload_client.records import (
-    Alarm,
-    Axis,
-    Document,
-    Job,
-    LostMotionPoint,
-    LostMotionReceipt,
-    Receipt,
-    TrendPoint,
-)
+from preload_client.exchange import SLOWEST_BYTES_PER_S, Transport, exchange, tls_context
+from preload_client.routes import Routes
 
-if TYPE_CHECKING:
-    import numpy as np
+P = ParamSpec("P")
+R = TypeVar("R")
 
-#: RFC 3339 with a zone, or a moment with one.
-Moment: TypeAlias = str | datetime
-_CHANNELS = ("excitation", "response", "position_trace_m", "reference")
-_COUNTED_FROM_ANYWHERE = ("displacement", "motor-angle", "relative-displacement")
-_SAFE = ("GET", "PUT", "DELETE")
-_LONGEST_PAUSE_S = 30.0
-#: An answer has at most so many bytes, a table that goes into a file so many; and a file may take so long.
-_MOST_BYTES, _MOST_OF_TABLE, _TRANSFER_S = 2**26, 2**36, 3600.0
-#: The service, or a proxy before it, says: not now. Nothing was changed.
-_BUSY = (429, 503)
-#: A proxy says that it got no answer: like a broken connection.
-_BROKEN = (502, 504)
+
+class AsyncClient(Routes):
+    """One service at an address, asked by coroutines of asyncio; otherwise as :class:`Client`."""
+
+    def __init__(
+        self,
+        url: str,
+        key: str | None = None,
+        *,
+        retries: int = 5,
+        timeout_s: float = 120.0,
+        ca_file: str | None = None,
+    ) -> None:
+        super().__init__(url, retries, timeout_s)
+        self._http = httpx.AsyncClient(
+            base_url=url, headers=_headers(key), verify=tls_context(ca_file), trust_env=False, timeout=timeout_s
+        )
+
+    async def __aenter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the connections."""
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._http.aclose()
+
+    @asynccontextmanager
+    async def _answered(
+        self,
+        method: str,
+        path: str,
+        total_s: float,
+        most_bytes: int,
+        **arguments: Any,  # noqa: ANN401
+    ) -> AsyncIterator[tuple[httpx.Response, AsyncIterator[bytes]]]:
+        request = self._http.build_request(method, path, **arguments)
+        total_s += int(request.headers.get("content-length", 0)) / SLOWEST_BYTES_PER_S
+        try:
+            async with asyncio.timeout(total_s):
+                answer = await self._http.send(request, stream=True)
+                try:
+                    yield answer, _at_most(most_bytes, answer)
+                finally:
+                    await answer.aclose()
+        except TimeoutError as error:
+            raise httpx.ReadTimeout(f"the exchange did not end within {round(total_s, 1):g} s") from error
+
+    async def _pause(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+
+
+async def _at_most(most_bytes: int, answer: httpx.Response) -> AsyncIterator[bytes]:
+    async for part in answer.aiter_bytes():
+        if answer.num_bytes_downloaded > most_bytes:
+            raise httpx.ReadError(f"the answer is longer than {most_bytes} bytes")
+        yield part
+
+
+class _Blocking(Routes):
+    """Coroutines that never wait for anybody: each sends and reads before it goes on."""
+
+    def __init__(self, url: str, key: str | None, retries: int, timeout_s: float, ca_file: str | None) -> None:
+        super().__init__(url, retries, timeout_s)
+        transport = Transport(tls_context(ca_file))
+        self.http = httpx.Client(base_url=url, headers=_headers(key), transport=transport, timeout=timeout_s)
+
+    @asynccontextmanager
+    async def _answered(
+        self,
+        method: str,
+        path: str,
+        total_s: float,
+        most_bytes: int,
+        **arguments: Any,  # noqa: ANN401
+    ) -> AsyncIterator[tuple[httpx.Response, AsyncIterator[bytes]]]:
+        with exchange(total_s, most_bytes), self.http.stream(method, path, **arguments) as answer:
+            yield answer, _as_they_come(answer)
+
+    async def _pause(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+
+async def _as_they_come(answer: httpx.Response) -> AsyncIterator[bytes]:
+    for part in answer.iter_bytes():
+        yield part
+
+
+def _ran(coroutine: Coroutine[Any, Any, R]) -> R:
+    """Run a coroutine that never waits, with or without an event loop in this thread."""
+    try:
+        coroutine.send(None)
+    except StopIteration as end:
+        answer: R = end.value
+        return answer
+    raise AssertionError("what blocks does not wait for an event loop")
+
+
+def _at_once(
+    method: Callable[Concatenate[Routes, P], Coroutine[Any, Any, R]],
+) -> Callable[Concatenate["Client", P], R]:
+    @wraps(method)
+    def ask(self: "Client", /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return _ran(method(self._routes, *args, **kwargs))
+
+    return ask
+
+
+def _one_by_one(
+    method: Callable[Concatenate[Routes, P], AsyncIterator[R]],
+) -> Callable[Concatenate["Client", P], Iterator[R]]:
+    async def after(records: AsyncIterator[R]) -> R:
+        return await anext(records)
+
+    @wraps(method)
+    def ask(self: "Client", /, *args: P.args, **kwargs: P.kwargs) -> Iterator[R]:
+        records = method(self._routes, *args, **kwargs)
+        while True:
+            try:
+                record = _ran(after(records))
+            except StopAsyncIteration:
+                return
+            yield record
+
+    return ask
 
 
 class Client:
@@ -62,11 +164,7 @@ class Client:
         timeout_s: float = 120.0,
         ca_file: str | None = None,
     ) -> None:
-        headers = {"Authorization": f"Bearer {key}"} if key else {}
-        transport = Transport(tls_context(ca_file))
-        self._http = httpx.Client(base_url=url, headers=headers, transport=transport, timeout=timeout_s)
-        self._retries = retries
-        self._timeout_s = timeout_s
+        self._routes = _Blocking(url, key, retries, timeout_s, ca_file)
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -80,223 +178,34 @@ class Client:
 
     def close(self) -> None:
         """Close the connection."""
-        self._http.close()
+        self._routes.http.close()
 
-    # axes and what was measured
-
-    def axes(self) -> list[Axis]:
-        """Return all axes and how each stands."""
-        return list(cast(Iterable[Axis], self.records("/v1/axes", "axes")))
-
-    def axis(self, axis: str) -> Axis:
-        """Return one axis and how it stands."""
-        return cast(Axis, self.request("GET", f"/v1/axes/{axis}"))
-
-    def register(self, axis: str, name: str, configuration: Document | None = None) -> Axis:
-        """Register an axis, or change its name and configuration."""
-        body = {"name": name, "configuration": configuration or {}}
-        return cast(Axis, self.request("PUT", f"/v1/axes/{axis}", json=body))
-
-    def trend(self, axis: str, start: Moment | None = None, end: Moment | None = None) -> Iterator[TrendPoint]:
-        """Yield measurements in time order, refused ones included; ``start`` is inside, ``end`` is not."""
-        query = {"from": _written(start), "to": _written(end), "limit": 10_000}
-        return cast(Iterator[TrendPoint], self.records(f"/v1/axes/{axis}/trend", "points", query))
-
-    def trend_arrays(
-        self, axis: str, start: Moment | None = None, end: Moment | None = None
-    ) -> "dict[str, np.ndarray[Any, Any]]":
-        """Return the judged measurements as numpy arrays by name; an open end of an interval is infinite."""
-        import numpy as np  # noqa: PLC0415  # the only method that needs it
-
-        points = [point for point in self.trend(axis, start, end) if point["preload_n"] is not None]
-        ends = [point["interval_95_n"] or (None, None) for point in points]
-        return {
-            "at": np.array([point["at"].removesuffix("Z") for point in points], dtype="datetime64[us]"),
-            "preload_n": np.array([point["preload_n"] for point in points], dtype=float),
-            "lower_n": np.array([-np.inf if lower is None else lower for lower, _ in ends], dtype=float),
-            "upper_n": np.array([np.inf if upper is None else upper for _, upper in ends], dtype=float),
-            "frequency_hz": np.array([point["frequency_hz"] for point in points], dtype=float),
-            "position_mm": np.array([point["position_mm"] for point in points], dtype=float),
-        }
-
-    def lost_motion(
-        self, axis: str, start: Moment | None = None, end: Moment | None = None
-    ) -> Iterator[LostMotionPoint]:
-        """Yield what was measured of lost motion in time order; ``start`` is inside, ``end`` is not."""
-        query = {"from": _written(start), "to": _written(end), "limit": 10_000}
-        return cast(Iterator[LostMotionPoint], self.records(f"/v1/axes/{axis}/lost-motion", "points", query))
-
-    def post_lost_motion(self, axis: str, readings: Sequence[Document]) -> LostMotionReceipt:
-        """Send lost motion, as ``preload lost-motion --json`` gives it. Safe to repeat."""
-        body = {"readings": list(readings)}
-        answer = self.request("POST", f"/v1/axes/{axis}/lost-motion", json=body, repeatable=True)
-        return cast(LostMotionReceipt, answer)
-
-    def post_windows(self, axis: str, windows: Sequence[Document], *, complete: bool = False) -> Receipt:
-        """Send windows; samples are numbers, bytes of little-endian float32, or numpy arrays. Safe to repeat."""
-        body = {"windows": [_window(window) for window in windows], "complete": complete}
-        return cast(Receipt, self.request("POST", f"/v1/axes/{axis}/windows", json=body, repeatable=True))
-
-    # recordings and jobs
-
-    def upload(self, axis: str, files: Sequence[Path | str], channel_map: Path | str | None = None) -> Job:
-        """Upload a session, or raw files with their channel map; :meth:`wait` for the job that takes the windows."""
-        with ExitStack() as stack:
-            parts = [("file", (Path(file).name, stack.enter_context(Path(file).open("rb")))) for file in files]
-            data = {} if channel_map is None else {"map": Path(channel_map).read_text(encoding="utf-8")}
-            # a stream that was read once is not there again: this is not repeated
-            answer = self.request("POST", f"/v1/axes/{axis}/recordings", files=parts, data=data, retries=0)
-        return cast(Job, answer)
-
-    def replay(self, axis: str, session: str) -> Job:
-        """Replay a session of the service's own folder into an axis."""
-        return cast(Job, self.request("POST", f"/v1/axes/{axis}/replays", json={"session": session}))
-
-    def jobs(self, axis: str | None = None) -> Iterator[Job]:
-        """Yield jobs, newest first."""
-        return cast(Iterator[Job], self.records("/v1/jobs", "jobs", {"axis": axis, "limit": 200}))
-
-    def job(self, job: str) -> Job:
-        """Return a job as it stands."""
-        return cast(Job, self.request("GET", f"/v1/jobs/{job}"))
-
-    def cancel(self, job: str) -> Job:
-        """Ask a job to stop; work already done stays done."""
-        return cast(Job, self.request("POST", f"/v1/jobs/{job}/cancel", repeatable=True))
-
-    def wait(
-        self, job: Job, progress: Callable[[Job], object] | None = None, *, every_s: float = 0.5, most_s: float = 3600.0
-    ) -> Job:
-        """Wait until a job is done; ``progress`` is told how it stands.
-
-        Raises JobFailedError if it fails or is cancelled, TimeoutError if it is not done after ``most_s``.
-        """
-        until = time.monotonic() + most_s
-        while True:
-            job = self.job(job["id"])
-            if progress is not None:
-                progress(job)
-            if job["status"] == "done":
-                return job
-            if job["status"] in ("failed", "cancelled"):
-                raise JobFailedError(job)
-            if time.monotonic() > until:
-                raise TimeoutError(f"job {job['id']} is {job['status']} after {most_s:g} s")
-            time.sleep(every_s)
-
-    # alarms
-
-    def alarms(
-        self, axis: str | None = None, status: Literal["active", "acknowledged", "cleared"] | None = None
-    ) -> Iterator[Alarm]:
-        """Yield alarms, newest first."""
-        query = {"axis": axis, "status": status, "limit": 200}
-        return cast(Iterator[Alarm], self.records("/v1/alarms", "alarms", query))
-
-    def acknowledge(self, alarm: int, comment: str) -> Alarm:
-        """Say that somebody has seen an alarm."""
-        return cast(Alarm, self.request("POST", f"/v1/alarms/{alarm}/acknowledge", json={"comment": comment}))
-
-    def clear(self, alarm: int, comment: str) -> Alarm:
-        """Close an alarm after inspection: the level is learnt anew."""
-        return cast(Alarm, self.request("POST", f"/v1/alarms/{alarm}/clear", json={"comment": comment}))
-
-    # whatever the service has
-
-    def records(self, path: str, member: str, query: Mapping[str, object] | None = None) -> Iterator[Document]:
-        """Yield the records of any list, page after page."""
-        stated = {name: value for name, value in (query or {}).items() if value is not None}
-        while True:
-            page = self.request("GET", path, params=stated)
-            yield from cast(Iterable[Document], page[member])
-            if page.get("next_cursor") is None:
-                return
-            stated["cursor"] = page["next_cursor"]
-
-    def table(self, path: str, file: Path | str, **query: str | int) -> Path:
-        """Write a trend, the alarms or the log of changes into a file; the end of its name, .csv or .parquet, says how.
-
-        Raises ProblemError if the service refuses, ValueError if what is there is no table.
-        """
-        kind = Path(file).suffix.removeprefix(".")
-        with (
-            exchange(_TRANSFER_S, _MOST_OF_TABLE),
-            self._http.stream("GET", path, params={**query, "format": kind}) as answer,
-        ):
-            if not answer.is_success:
-                answer.read()
-                raise _refusal("GET", path, answer)
-            if kind not in answer.headers.get("content-type", ""):
-                raise ValueError(f"{path} is no table; trend, alarms and audit are, as .csv and .parquet")
-            with Path(file).open("wb") as output:
-                for part in answer.iter_bytes():
-                    output.write(part)
-        return Path(file)
-
-    def request(
-        self,
-        method: str,
-        path: str,
-        *,
-        repeatable: bool = False,
-        retries: int | None = None,
-        **arguments: Any,  # noqa: ANN401
-    ) -> Document:
-        """Ask for anything (arguments as of ``httpx.Client.request``) and return the JSON of the answer.
-
-        Raises ProblemError if the service refuses, UnreachableError if nobody answers.
-        """
-        left = self._retries if retries is None else retries
-        safe, pause = repeatable or method in _SAFE, 0.5
-        total_s = _TRANSFER_S if "files" in arguments else self._timeout_s
-        while True:
-            try:
-                with exchange(total_s, _MOST_BYTES), self._http.stream(method, path, **arguments) as answer:
-                    answer.read()
-            except (httpx.TransportError, httpx.UnsupportedProtocol) as error:
-                again = safe or isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
-                if not again or not left or isinstance(error, httpx.UnsupportedProtocol):
-                    raise UnreachableError(f"no answer from {self._http.base_url}: {error}") from error
-            else:
-                if answer.is_success:
-                    return cast(Document, answer.json())
-                again = answer.status_code in _BUSY or (safe and answer.status_code in _BROKEN)
-                if not again or not left:
-                    raise _refusal(method, path, answer)
-                stated = answer.headers.get("retry-after", "")
-                pause = max(pause, float(stated)) if stated.isdecimal() else pause
-            left -= 1
-            time.sleep(min(pause, _LONGEST_PAUSE_S))
-            pause *= 2
+    axes = _at_once(Routes.axes)
+    axis = _at_once(Routes.axis)
+    register = _at_once(Routes.register)
+    trend = _one_by_one(Routes.trend)
+    trend_arrays = _at_once(Routes.trend_arrays)
+    lost_motion = _one_by_one(Routes.lost_motion)
+    post_lost_motion = _at_once(Routes.post_lost_motion)
+    post_windows = _at_once(Routes.post_windows)
+    measurement = _at_once(Routes.measurement)
+    calibrate = _at_once(Routes.calibrate)
+    activate = _at_once(Routes.activate)
+    maintenance = _at_once(Routes.maintenance)
+    post_maintenance = _at_once(Routes.post_maintenance)
+    upload = _at_once(Routes.upload)
+    replay = _at_once(Routes.replay)
+    jobs = _one_by_one(Routes.jobs)
+    job = _at_once(Routes.job)
+    cancel = _at_once(Routes.cancel)
+    wait = _at_once(Routes.wait)
+    alarms = _one_by_one(Routes.alarms)
+    acknowledge = _at_once(Routes.acknowledge)
+    clear = _at_once(Routes.clear)
+    records = _one_by_one(Routes.records)
+    table = _at_once(Routes.table)
+    request = _at_once(Routes.request)
 
 
-def _refusal(method: str, path: str, answer: httpx.Response) -> ProblemError:
-    is_problem = answer.headers.get("content-type", "").startswith("application/problem+json")
-    document = answer.json() if is_problem else {"detail": answer.text[:200]}
-    return ProblemError(method, path, answer.status_code, document)
-
-
-def _written(moment: Moment | None) -> str | None:
-    return moment.isoformat() if isinstance(moment, datetime) else moment
-
-
-def _window(window: Document) -> dict[str, object]:
-    started_at = cast(Moment, window["started_at"])
-    channels: dict[str, Any] = {name: window[name] for name in _CHANNELS if window.get(name) is not None}
-    from_anywhere = ["reference"]
-    if window.get("response_quantity") in _COUNTED_FROM_ANYWHERE:
-        from_anywhere.append("response")
-    for name in from_anywhere:
-        if hasattr(channels.get(name), "astype"):
-            exact = channels[name].astype("f8")
-            channels[name] = exact - exact[:1]  # what single precision leaves of half a metre is coarse
-    encoded = {name: _samples(samples) for name, samples in channels.items()}
-    return {**window, "started_at": _written(started_at), **encoded}
-
-
-def _samples(values: Any) -> object:  # noqa: ANN401 - numbers, bytes, or an array
-    if hasattr(values, "astype"):
-        values = values.astype("<f4").tobytes()
-    if isinstance(values, bytes | bytearray | memoryview):
-        return base64.b64encode(values).decode()
-    return list(values)
+def _headers(key: str | None) -> dict[str, str]:
+    return {"Authorization": f"Bearer {key}"} if key else {}

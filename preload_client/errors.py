@@ -8,7 +8,7 @@ class PreloadError(Exception):
 
 
 class UnreachableError(PreloadError):
-    """Nobody answered; of a request that may not be repeated it is unknown whether it was carried out."""
+    """No service answered; of a request that may not be repeated it is unknown whether it was carried out."""
 
 
 class ProblemError(PreloadError):

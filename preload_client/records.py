@@ -130,6 +130,52 @@ class Alarm(TypedDict):
     events: Sequence[AlarmEvent]
 
 
+class Measurement(TypedDict):
+    """One measurement: its outcome, its windows, and what its value rests on."""
+
+    measurement_id: int
+    measurement: str
+    at: str
+    status: str
+    outcome: Document | None
+    windows: Sequence[Document]
+    let_go: str | None
+    response: Document | None
+    gates: Sequence[Document]
+    ladder: Document | None
+
+
+class Calibration(TypedDict):
+    """A stored calibration; ``document`` is the file of ``preload calibrate``."""
+
+    id: int
+    axis: str
+    created_at: str
+    comment: str
+    active: bool
+    document: Document
+
+
+class Calibrations(TypedDict):
+    """The calibrations of an axis, and which came into force when and why, newest first."""
+
+    calibrations: Sequence[Calibration]
+    history: Sequence[Document]
+
+
+class MaintenanceEntry(TypedDict):
+    """What was done to an axis; an entry that another one ``corrects`` does not hold any more."""
+
+    id: int
+    at: str
+    entered_at: str
+    who: str
+    kind: str
+    note: str
+    set_preload_n: float | None
+    corrects: int | None
+
+
 class Job(TypedDict):
     """A job as it stands."""
 

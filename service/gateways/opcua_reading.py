@@ -4,16 +4,15 @@ import asyncio
 import math
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Literal
 
 from asyncua import ua
-from httpx import AsyncClient, HTTPError
-from pydantic import BaseModel, ValidationError
-from pydantic_core import from_json
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from preload_client import AsyncClient, PreloadError
 
 #: A service that has not answered by then is away.
 READ_WITHIN_S = 10.0
-#: No answer of it is longer: some kilobytes for each axis or alarm.
-MOST_BYTES = 2**26
 
 
 class _Doubt(BaseModel):
@@ -51,10 +50,6 @@ class AxisSeen(BaseModel):
     lost_motion: _LostMotion | None = None  # an older service says nothing of it
 
 
-class _Axes(BaseModel):
-    axes: list[AxisSeen]
-
-
 class _Evidence(BaseModel):
     sentence: str | None = None
 
@@ -71,9 +66,8 @@ class AlarmSeen(BaseModel):
     evidence: _Evidence
 
 
-class _Alarms(BaseModel):
-    alarms: list[AlarmSeen]
-    next_cursor: int | None
+_AXES, _ALARMS = TypeAdapter(list[AxisSeen]), TypeAdapter(list[AlarmSeen])
+_OPEN: tuple[Literal["active"], Literal["acknowledged"]] = ("active", "acknowledged")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,38 +82,17 @@ class ServiceAwayError(Exception):
     """The service does not answer, or not with what is expected."""
 
 
-async def read_service(http: AsyncClient) -> Reading:
+async def read_service(service: AsyncClient) -> Reading:
     """Read axes and open alarms, within bounds of time and bytes. Raises ServiceAwayError."""
     try:
         async with asyncio.timeout(READ_WITHIN_S):
-            axes = _Axes.model_validate(await _get(http, "/v1/axes")).axes
-            alarms = [alarm for status in ("active", "acknowledged") for alarm in await _alarms(http, status)]
+            axes = await service.axes()
+            alarms = [alarm for status in _OPEN async for alarm in service.alarms(status=status)]
+        return Reading(_AXES.validate_python(axes), _ALARMS.validate_python(alarms))
     except TimeoutError as error:
         raise ServiceAwayError(f"the service has not answered within {READ_WITHIN_S:g} s") from error
-    except (HTTPError, ValidationError, ValueError) as error:
+    except (PreloadError, ValidationError) as error:
         raise ServiceAwayError(f"the service cannot be read: {error}") from error
-    return Reading(axes, alarms)
-
-
-async def _alarms(http: AsyncClient, status: str) -> list[AlarmSeen]:
-    query: dict[str, str | int] = {"status": status, "limit": 200}
-    page = _Alarms.model_validate(await _get(http, "/v1/alarms", query))
-    alarms = page.alarms
-    while page.next_cursor is not None:
-        page = _Alarms.model_validate(await _get(http, "/v1/alarms", query | {"cursor": page.next_cursor}))
-        alarms += page.alarms
-    return alarms
-
-
-async def _get(http: AsyncClient, path: str, query: dict[str, str | int] | None = None) -> object:
-    content = bytearray()
-    async with http.stream("GET", path, params=query) as answer:
-        answer.raise_for_status()
-        async for part in answer.aiter_bytes():
-            content += part
-            if len(content) > MOST_BYTES:
-                raise ValueError(f"its answer to {path} is longer than {MOST_BYTES} bytes")
-    return from_json(content)
 
 
 def _quality_of_lost_motion(lost: _LostMotion | None) -> ua.StatusCode:

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Self
 
 from asyncua import Server, ua
-from httpx import AsyncClient
 from pydantic import Field, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from preload_client import AsyncClient
 from service.gateways.opcua_login import OneUser, Sessions
 from service.gateways.opcua_nodes import SEVERITY, Nodes
 from service.gateways.opcua_reading import READ_WITHIN_S, ServiceAwayError, read_service
 from service.gateways.opcua_subscriptions import tell_what_holds
-from service.operations.notices.receivers import read_secret, whom_to_believe
+from service.operations.notices.receivers import read_secret
 from service.settings import is_loopback
 
 log = logging.getLogger(__name__)
@@ -56,14 +56,12 @@ async def serve_opcua(
 ) -> None:
     """Show a service until it is to stop; from the first answer on, so that whoever connects finds the nodes."""
     server = await new_server(settings)
-    headers = {"authorization": f"Bearer {key}"} if key else None
-    tls = whom_to_believe(ca_file)
-    http = AsyncClient(base_url=url, verify=tls, timeout=READ_WITHIN_S, trust_env=False, headers=headers)
-    async with http, AsyncExitStack() as listening:
+    service = AsyncClient(url, key, retries=0, timeout_s=READ_WITHIN_S, ca_file=ca_file)
+    async with service, AsyncExitStack() as listening:
         nodes, is_open = await Nodes.make(server), False
         while not stopping.is_set():
             try:
-                await nodes.show(await read_service(http))
+                await nodes.show(await read_service(service))
                 if not is_open:
                     await listening.enter_async_context(server)
                     is_open = True

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-import httpx
 import pytest
 from paho.mqtt.client import MQTTMessage
 
 import preload_client
-from preload_client import Client, UnreachableError, exchange as exchanging
+from preload_client import AsyncClient, Client, UnreachableError, exchange as exchanging
 from service.api.http import limits
 from service.cli.remote import client as remote
 from service.clock import now
@@ -36,6 +35,7 @@ from service.store.tables import NoticeRow
 from tests.service.servers import WITHOUT_END, MailServer, foreign_certificate, talking, until_it_ends
 from tests.service.test_access import served
 from tests.service.test_notices import wait_until
+from tests.service.test_python_client import at_once, in_a_loop
 
 PASSWORD = "of-the-mail"  # noqa: S105 - of nobody
 SOURCE = "http://preload.plant"
@@ -280,34 +280,37 @@ def flooding() -> Any:
 
 
 def test_a_client_waits_and_reads_within_bounds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(preload_client.client, "_MOST_BYTES", 2**16)
-    monkeypatch.setattr(preload_client.client, "_TRANSFER_S", 0.5)
-    with dripping() as port, Client(f"http://127.0.0.1:{port}", timeout_s=0.5, retries=0) as client:
-        with pytest.raises(UnreachableError, match=r"did not end within 0\.5 s"):
-            client.axes()
-        with pytest.raises(httpx.ReadTimeout, match=r"did not end within 0\.5 s"):
-            client.table("/v1/alarms", tmp_path / "alarms.json")
-    with (
-        flooding() as port,
-        Client(f"http://127.0.0.1:{port}", retries=0) as client,
-        pytest.raises(UnreachableError, match="longer than 65536 bytes"),
-    ):
-        client.axes()
+    monkeypatch.setattr(preload_client.routes, "_MOST_BYTES", 2**16)
+    monkeypatch.setattr(preload_client.routes, "_TRANSFER_S", 0.5)
+
+    def axes(client: Client) -> object:
+        return client.axes()
+
+    def table(client: Client) -> object:
+        return client.table("/v1/alarms", tmp_path / "alarms.json")
+
+    for asked in (at_once, in_a_loop):
+        with dripping() as port:
+            for ask in (axes, table):
+                with pytest.raises(UnreachableError, match=r"did not end within 0\.5 s"):
+                    asked(f"http://127.0.0.1:{port}", ask, timeout_s=0.5, retries=0)
+        with flooding() as port, pytest.raises(UnreachableError, match="longer than 65536 bytes"):
+            asked(f"http://127.0.0.1:{port}", axes, retries=0)
 
 
 def test_the_gateways_wait_and_read_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mqtt_windows, "TIMEOUT_S", 0.5)
     monkeypatch.setattr(mqtt_windows, "MOST_OF_ANSWER", 2**16)
     monkeypatch.setattr(opcua_reading, "READ_WITHIN_S", 0.5)
-    monkeypatch.setattr(opcua_reading, "MOST_BYTES", 2**16)
+    monkeypatch.setattr(preload_client.routes, "_MOST_BYTES", 2**16)
 
     def post(port: int) -> None:
         gateway = WindowsGateway(MqttSettings(), f"http://127.0.0.1:{port}", None)
         gateway._post("axis", MQTTMessage(topic=b"preload/axes/axis/windows"))
 
     async def read(port: int) -> None:
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", trust_env=False, timeout=60.0) as http:
-            await read_service(http)
+        async with AsyncClient(f"http://127.0.0.1:{port}", retries=0) as service:
+            await read_service(service)
 
     with dripping() as port:
         with pytest.raises(ServiceAwayError, match=r"did not end within 0\.5 s"):

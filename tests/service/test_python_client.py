@@ -1,10 +1,12 @@
 """The client in Python: what it reads is what the service says, and it repeats what may be repeated."""
 
+import asyncio
+import inspect
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
@@ -17,12 +19,12 @@ import pytest
 import preload_client
 from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import write_session
-from preload_client import Client, JobFailedError, ProblemError, UnreachableError, client
+from preload_client import AsyncClient, Client, JobFailedError, ProblemError, UnreachableError, client
 from service.app import create_app
 from service.cli.remote.client import window_document
 from service.settings import Settings
 from tests.conftest import free_port
-from tests.service.conftest import Api, simulated_measurement
+from tests.service.conftest import K3, START, Api, readings, simulated_measurement
 from tests.service.uploads import recorded
 
 
@@ -43,7 +45,9 @@ def schemas() -> dict[str, Any]:
         (preload_client.Axis, "AxisOut"), (preload_client.TrendPoint, "TrendPointOut"),
         (preload_client.WindowStatus, "WindowOut"), (preload_client.Receipt, "WindowsOut"),
         (preload_client.AlarmEvent, "AlarmEventOut"), (preload_client.Alarm, "AlarmOut"),
-        (preload_client.Job, "JobOut"),
+        (preload_client.Job, "JobOut"), (preload_client.Calibration, "CalibrationOut"),
+        (preload_client.Calibrations, "CalibrationsOut"), (preload_client.MaintenanceEntry, "MaintenanceOut"),
+        (preload_client.Measurement, "MeasurementOut"),
     ],
 )  # fmt: skip
 def test_records_have_the_members_of_the_api(schemas: dict[str, Any], record: Any, schema: str) -> None:
@@ -75,6 +79,61 @@ def test_windows_in_and_trend_out(service: Client, shared_api: Api, tmp_path: Pa
     assert service.axis("mill") in service.axes()
     table = service.table("/v1/axes/mill/trend", tmp_path / "trend.parquet")
     assert pq.read_table(table)["preload_n"].to_pylist() == [point["preload_n"]]
+
+
+def test_an_axis_is_calibrated_and_its_maintenance_told(service: Client, shared_api: Api) -> None:
+    shared_api.register("lathe")
+    fitted = service.calibrate("lathe", readings=readings(), comment="new nut")
+    assert (fitted["comment"], fitted["active"]) == ("new nut", False)
+    assert fitted["document"]["coefficients"]["k3_s2_n13"] == pytest.approx(K3, rel=0.05)
+    brought = service.calibrate("lathe", document=fitted["document"])
+    assert service.activate("lathe", brought["id"], "reviewed")["history"][0]["calibration"] == brought["id"]
+    assert [each["active"] for each in service.request("GET", "/v1/axes/lathe/calibrations")["calibrations"]] == [
+        True, False
+    ]  # fmt: skip
+    with pytest.raises(ProblemError, match="/calibrations was refused with 422: "):
+        service.calibrate("lathe", start=START)
+    entry = service.post_maintenance("lathe", START, "Anna", "lubricated", note="grease")
+    assert service.post_maintenance("lathe", START.isoformat(), "Anna", "lubricated", note="grease") == entry
+    assert service.maintenance("lathe") == [entry]
+
+
+def test_an_event_loop_asks_what_a_caller_who_waits_asks(service: Client, shared_api: Api, tmp_path: Path) -> None:
+    """One description of requests, two who send them: each answers the other's questions alike, many at once."""
+    shared_api.register("press")
+    shared_api.calibrate("press")
+    url = str(shared_api.http.base_url)
+    session = tmp_path / "press.session.h5"
+    write_session(session, Session("press", tuple(recorded(n_measurements=7))))
+
+    async def ask() -> tuple[list[Any], list[Any], Any, Path]:
+        async with AsyncClient(url) as client:
+            await client.wait(await client.upload("press", [session]), every_s=0.01)
+            axes = await asyncio.gather(*[client.axis("press") for _ in range(20)])
+            points = [point async for point in client.trend("press")]
+            with pytest.raises(ProblemError, match="no axis 'nobody'"):
+                await client.axis("nobody")
+            measurement = await client.measurement("press", points[0]["measurement_id"])
+            return axes, points, measurement, await client.table("/v1/axes/press/trend", tmp_path / "trend.parquet")
+
+    axes, points, measurement, table = asyncio.run(ask())
+    assert axes == 20 * [service.axis("press")]
+    assert len(points) == 7
+    assert points == list(service.trend("press"))
+    assert measurement == service.measurement("press", points[0]["measurement_id"])
+    assert measurement["outcome"]["preload_n"] == points[0]["preload_n"]
+    assert pq.read_table(table)["preload_n"].to_pylist() == [point["preload_n"] for point in points]
+
+
+def test_both_clients_have_the_same_methods() -> None:
+    def methods(of: type) -> dict[str, list[str]]:
+        return {
+            name: list(inspect.signature(member).parameters)
+            for name, member in inspect.getmembers(of, inspect.isfunction)
+            if not name.startswith("_")
+        }
+
+    assert methods(Client) == methods(AsyncClient)
 
 
 def test_an_upload_is_waited_for_with_its_progress(service: Client, tmp_path: Path) -> None:
@@ -145,6 +204,19 @@ def answering(answers: list[tuple[int, object]]) -> Iterator[tuple[str, list[str
         server.server_close()
 
 
+def at_once(url: str, ask: Callable[[Any], Any], **settings: Any) -> object:
+    with Client(url, **settings) as service:
+        return ask(service)
+
+
+def in_a_loop(url: str, ask: Callable[[Any], Any], **settings: Any) -> object:
+    async def run() -> object:
+        async with AsyncClient(url, **settings) as service:
+            return await ask(service)
+
+    return asyncio.run(run())
+
+
 BUSY, BROKEN, FINE = (503, {"detail": "busy"}), (0, None), (200, {"id": "a", "next_cursor": None})
 
 
@@ -159,23 +231,29 @@ BUSY, BROKEN, FINE = (503, {"detail": "busy"}), (0, None), (200, {"id": "a", "ne
         ([(502, {"detail": "gone"}), FINE], lambda c: c.clear(1, "seen"), 1, ProblemError),
         ([(409, {"detail": "no"}), FINE], lambda c: c.axis("a"), 1, ProblemError),
         ([BUSY], lambda c: c.axis("a"), 6, ProblemError),
+        ([(200, "<p>Welcome</p>")], lambda c: c.axis("a"), 1, UnreachableError),
+        ([FINE], lambda c: c.axes(), 1, UnreachableError),
     ],
 )
 def test_what_may_be_repeated_is(
     answers: Any, ask: Any, n_asked: int, error: type[Exception] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     waits: list[float] = []
+
+    async def wait(_: AsyncClient, seconds: float) -> None:
+        waits.append(seconds)
+
     monkeypatch.setattr(client.time, "sleep", waits.append)
-    with answering(answers) as (url, asked), Client(url) as service:
-        if error is None:
-            ask(service)
-        else:
-            with pytest.raises(error):
-                ask(service)
-        assert len(asked) == n_asked
-    assert len(waits) == n_asked - 1
-    assert waits == sorted(waits)
-    assert max(waits, default=0.0) <= 30.0
+    monkeypatch.setattr(AsyncClient, "_pause", wait)
+    for asked_by in (at_once, in_a_loop):
+        waits.clear()
+        with answering(answers) as (url, asked):
+            with nullcontext() if error is None else pytest.raises(error):
+                asked_by(url, ask)
+            assert len(asked) == n_asked
+        assert len(waits) == n_asked - 1
+        assert waits == sorted(waits)
+        assert max(waits, default=0.0) <= 30.0
 
 
 def test_who_does_not_listen_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
