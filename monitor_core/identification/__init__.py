@@ -8,13 +8,14 @@ from monitor_core.fitting.residuals.peaks import Weighting as Weighting
 from monitor_core.fitting.solver.global_search import MapFunction as MapFunction
 from monitor_core.identification.answer import (
     FitQuality as FitQuality,
+    FromPositions as FromPositions,
     FurtherPosition as FurtherPosition,
     HeldOutErrors as HeldOutErrors,
     IdentifiedJoint as IdentifiedJoint,
     IdentifiedJoints as IdentifiedJoints,
     KnownSum as KnownSum,
 )
-from monitor_core.identification.cases import PredictionError as PredictionError
+from monitor_core.identification.cases import DroppedPeak as DroppedPeak, PredictionError as PredictionError
 from monitor_core.identification.described_calibration import (
     law_of_drive as law_of_drive,
     prior_of_drive as prior_of_drive,

@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.fitting.axis import AxisDescription
-from monitor_core.identification.cases import Case, PeakCase, PredictionError, ResponseCase
+from monitor_core.identification.cases import Case, DroppedPeak, PeakCase, PredictionError, ResponseCase, positions_of
 from monitor_core.identification.identifiability import CoordinateJudgement, Verdict
 from monitor_core.identification.joint_fit import JointFit
 from monitor_core.identification.sensitivity import Detectability, next_positions
@@ -73,6 +73,15 @@ class HeldOutErrors:
 
 
 @dataclass(frozen=True, slots=True)
+class FromPositions:
+    """Joints as some positions give them, and what these joints are worth at every position."""
+
+    positions: tuple[float, ...]  # [m]
+    joints: Mapping[str, float]  # SI, by their names in files
+    errors: tuple[PredictionError, ...]  # at all positions, their own among them
+
+
+@dataclass(frozen=True, slots=True)
 class FurtherPosition:
     """What a further measurement at a position would bring."""
 
@@ -90,7 +99,9 @@ class IdentifiedJoints:
     sums: tuple[KnownSum, ...]
     quality: FitQuality
     held_out: HeldOutErrors | None  # None where nothing could be held out
+    robustness: tuple[FromPositions, ...]  # each position alone, then all that were not held out; else empty
     missing_modes: tuple[str, ...]  # modes that a position does not show, in sentences
+    dropped_peaks: tuple[DroppedPeak, ...]  # that are no axial mode
     next_positions: tuple[FurtherPosition, ...]  # the most helpful first
     modes_to_monitor: tuple[Detectability, ...]  # the best first; empty where the family does not tell
     assumptions: tuple[str, ...]  # what was settled before the fit, in sentences
@@ -192,6 +203,23 @@ def quality_of(joint_fit: JointFit, case: Case) -> FitQuality:
 def held_out_errors(fit: JointFit) -> HeldOutErrors | None:
     """Return how far predictions are off at positions held out; None where nothing could be held out."""
     return HeldOutErrors(fit.held_out, fit.leave_one_out, fit.not_held_out) if fit.held_out else None
+
+
+def robustness_of(case: Case, fit: JointFit) -> tuple[FromPositions, ...]:
+    """Return what each position alone would give, and at last all of them together; empty where none was fitted."""
+    if not fit.alone:
+        return ()
+    fits = {(position,): values for position, values in fit.alone.items()} | {
+        fit.trained_on: fit.fit.coordinates.values
+    }
+    return tuple(
+        FromPositions(
+            positions,
+            dict(zip(fit.fit.names, (10.0**values).tolist(), strict=True)),
+            case.prediction_errors(values, positions_of(case)),
+        )
+        for positions, values in fits.items()
+    )
 
 
 def further_positions(case: Case, fit: JointFit, screw_length: float) -> tuple[FurtherPosition, ...]:

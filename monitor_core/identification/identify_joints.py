@@ -24,6 +24,7 @@ from monitor_core.identification.answer import (
     joints_of_fit,
     known_sums,
     quality_of,
+    robustness_of,
     what_is_not_identifiable,
 )
 from monitor_core.identification.cases import (
@@ -262,7 +263,9 @@ def identify(
         sums=known_sums(fit),
         quality=quality_of(fit, question.case),
         held_out=held_out_errors(fit),
+        robustness=robustness_of(question.case, fit),
         missing_modes=_missing_modes(question.case),
+        dropped_peaks=question.case.assignment.dropped if isinstance(question.case, PeakCase) else (),
         next_positions=further_positions(question.case, fit, axis.parameters["screw_length_m"]),
         modes_to_monitor=_modes_to_monitor(model, question.case, observations),
         assumptions=(*placed.sentences, *options.assumptions),

@@ -1,12 +1,14 @@
 """Fit joints to measurements at several positions: search, fit, verdicts, and errors at positions held out."""
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
 
+from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.solver.global_search import MapFunction, Search, SearchCancelledError, SearchSettings, search
@@ -44,6 +46,7 @@ class JointFit:
     seed: int  # of the search
     leave_one_out: bool  # ``held_out`` comes from as many fits as there are positions, each without one
     not_held_out: tuple[float, ...]  # positions that cannot be left out: what remains determines no joints [m]
+    alone: Mapping[float, FloatArray]  # coordinates from one position alone, where it determines them [m]
 
     @property
     def worst_held_out(self) -> PredictionError | None:
@@ -63,7 +66,8 @@ def fit_joints(
 ) -> JointFit:
     """Find the joints within finite bounds, judge each, and predict what was held out.
 
-    The fit does not see the positions to ``hold_out`` [m] and is judged by them. Without any, each position in turn is
+    The fit does not see the positions to ``hold_out`` [m] and is judged by them, beside fits to each of the others
+    alone that start from the answer. Without any, each position in turn is
     left out of a fit that starts from the answer, where enough others remain. The answer does not depend on
     ``map_function``. ``progress`` is told (done, total); ``cancelled`` is asked whenever progress is made.
 
@@ -100,12 +104,28 @@ def fit_joints(
         judged = _less_than_determined(judged)
     steps.next(len(bounds.lower))
     cannot: tuple[float, ...] = ()
+    alone: dict[float, FloatArray] = {}
     if hold_out:
         held_out = case.prediction_errors(fit.coordinates.values, hold_out)
+        alone = _from_one_position(case, bounds, fit, trained_on)
     else:
         held_out, cannot = _leave_one_out(case, bounds, fit, replace(fit_settings, patience=_NEARLY), steps)
     steps.finish()
-    return JointFit(fit, searched, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out, cannot)
+    return JointFit(fit, searched, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out, cannot, alone)
+
+
+def _from_one_position(
+    case: Case, bounds: Bounds, fit: LocalFit, positions: tuple[float, ...]
+) -> dict[float, FloatArray]:
+    """Return the coordinates that each position gives by itself; left out where it determines none."""
+    alone = {}
+    for position in positions if len(positions) > 1 else ():
+        with suppress(NotIdentifiableError, OutsideValidityError):
+            problem = case.problem([position], minimum_positions=1)
+            alone[position] = fit_local(
+                problem, bounds, fit.coordinates.values, FitSettings(patience=_NEARLY)
+            ).coordinates.values
+    return alone
 
 
 def _lacks_fit(fit: LocalFit) -> bool:

@@ -189,7 +189,8 @@ def _print(data: Data, identified: IdentifiedJoints) -> None:
     )
     for sentence in identified.assumptions:
         print_line(sentence)
-    for sentence in (*identified.not_identifiable, *identified.missing_modes):
+    dropped = [peak.sentence for peak in identified.dropped_peaks]
+    for sentence in (*identified.not_identifiable, *identified.missing_modes, *dropped):
         print_line(f"- {sentence}.")
     rows = [
         ("starts that agree", f"{100 * quality.starts_agreeing:.0f} % of {quality.starts}"),
@@ -209,6 +210,24 @@ def _print(data: Data, identified: IdentifiedJoints) -> None:
     if identified.next_positions:
         rows.append(("measure next at", f"{to_millimetres(identified.next_positions[0].position):.0f} mm"))
     print_table("What it rests on", ("quantity", "value"), rows)
+    if identified.robustness:
+        _print_robustness(identified)
+
+
+def _print_robustness(identified: IdentifiedJoints) -> None:
+    """Print what each position alone gives beside all of them, and the worst error of each at every position."""
+    columns = identified.robustness
+    rows = [
+        (f"{name} [{joint.unit}]", *(f"{each.joints[name]:.4g}" for each in columns))
+        for name, joint in identified.joints.items()
+    ]
+    for place in dict.fromkeys(error.conditions.position for error in columns[0].errors):
+        seen = [
+            [100.0 * abs(e.relative_error) for e in each.errors if e.conditions.position == place] for each in columns
+        ]
+        rows.append((f"worst error at {to_millimetres(place):g} mm", *(f"{max(errors):.2f} %" for errors in seen)))
+    names = ["from " + ", ".join(f"{to_millimetres(x):g}" for x in each.positions) + " mm" for each in columns]
+    print_table("One position against several", ("quantity", *names), rows)
 
 
 def _joint_row(name: str, joint: IdentifiedJoint) -> tuple[str, ...]:

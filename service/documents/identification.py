@@ -2,7 +2,9 @@
 
 from monitor_core.identification import (
     Detectability,
+    DroppedPeak,
     FitQuality,
+    FromPositions,
     FurtherPosition,
     HeldOutErrors,
     IdentifiedJoint,
@@ -31,7 +33,9 @@ def identification_document(identified: IdentifiedJoints) -> JsonObject:
         "correlations": {"names": list(identified.joints), "matrix": identified.correlations},
         "objective": _objective(identified.quality),
         "held_out": None if identified.held_out is None else _held_out(identified.held_out),
+        "robustness": [_from_positions(each) for each in identified.robustness],
         "missing_modes": identified.missing_modes,
+        "dropped_peaks": [_dropped(peak) for peak in identified.dropped_peaks],
         "next_positions": [_further(there) for there in identified.next_positions],
         "taken_as": identified.assumptions,
         "modes_to_monitor": [_mode_to_monitor(mode) for mode in identified.modes_to_monitor],
@@ -75,6 +79,14 @@ def _held_out(held_out: HeldOutErrors) -> dict[str, object]:
     }
 
 
+def _from_positions(each: FromPositions) -> dict[str, object]:
+    return {
+        "from_mm": [to_millimetres(position) for position in each.positions],
+        "parameters": dict(each.joints),
+        "errors": [_prediction_error(error) for error in each.errors],
+    }
+
+
 def held_out_kind(held_out: HeldOutErrors) -> str:
     """Say in a few words what was held out."""
     return "leave one position out" if held_out.leave_one_out else "positions not used"
@@ -88,6 +100,20 @@ def _prediction_error(error: PredictionError) -> dict[str, object]:
         "measured_hz": error.measured,
         "predicted_hz": error.predicted,
         "error_percent": 100.0 * error.relative_error,
+    }
+
+
+def _dropped(peak: DroppedPeak) -> dict[str, object]:
+    elsewhere = peak.elsewhere
+    return {
+        "position_mm": to_millimetres(peak.observation.conditions.position),
+        "frequency_hz": peak.observation.frequency,
+        "reason": peak.sentence,
+        "mode": peak.mode,
+        "mode_hz": peak.mode_frequency,
+        "from_mm": None if elsewhere is None else to_millimetres(elsewhere.conditions.position),
+        "moved_hz": peak.moved,
+        "mode_moves_hz": None if elsewhere is None else peak.mode_moves,
     }
 
 

@@ -84,6 +84,45 @@ def test_lists_that_cannot_be_assigned_are_refused(extra, sentence):
         assign_modes(AXIS, [*TABLE, ModalObservation(DriveConditions(1.0), extra)])
 
 
+EVERYWHERE = (0.6, 0.8, 1.0, 1.3, 1.6, 1.9)
+
+
+@pytest.mark.parametrize("frame", [300.0, 420.0, 900.0])
+def test_a_mode_of_the_frame_is_dropped_everywhere_for_it_stays_where_axial_modes_move(frame):
+    places = [DriveConditions(x) for x in EVERYWHERE[: 3 if frame > 400.0 else None]]
+    found = assign_modes(AXIS, [*TABLE, *(ModalObservation(place, frame) for place in places)], drop=True)
+    assert [(peak.observation.order, peak.mode) for peak in found.peaks] == [(p.order, p.order) for p in TABLE]
+    assert [peak.observation.conditions for peak in found.dropped] == places
+    for peak in found.dropped:
+        assert peak.moved == 0.0
+        assert peak.elsewhere is not None
+        # what that mode does between the two positions, by the finite elements
+        own = [
+            Assembly(axis_of(AXIS, MotorEnd.FREE), 60, 96, where.conditions.position).modes(6)[0][peak.mode]
+            for where in (peak.observation, peak.elsewhere)
+        ]
+        assert peak.mode_moves == pytest.approx(frame * (own[0] / own[1] - 1.0), abs=0.1)
+        assert abs(peak.mode_moves) > 0.028 * frame
+        assert f"it moved by +0 Hz from {peak.elsewhere.conditions.position * 1e3:g} mm, where mode " in peak.sentence
+
+
+def test_between_two_modes_that_have_their_own_peaks_there_is_none():
+    # mode 2 moves by 2 % only: that a peak at 200 Hz stays says nothing
+    found = assign_modes(AXIS, [*TABLE, ModalObservation(DriveConditions(1.0), 200.0)], drop=True)
+    (dropped,) = found.dropped
+    assert (dropped.own_peaks, dropped.moved) == ((2, 3), None)
+    assert dropped.sentence.endswith(
+        "no other position has a peak near it; next to it is mode 2 near 116 Hz; modes 2 and 3 have their own"
+    )
+
+
+@pytest.mark.parametrize("extra", [24.2, 28.0, 580.0, 640.0, 10.0])
+def test_a_peak_that_may_be_a_mode_or_a_reading_of_one_is_refused(extra):
+    # a repeated reading; beside a mode that hardly moves; moving as its neighbour; what a wrong joint may do
+    with pytest.raises(NotIdentifiableError):
+        assign_modes(AXIS, [*TABLE, *(ModalObservation(DriveConditions(x), extra) for x in (0.6, 1.0))], drop=True)
+
+
 def test_an_empty_list_is_refused():
     with pytest.raises(NotIdentifiableError, match="the table has none"):
         assign_modes(AXIS, [])

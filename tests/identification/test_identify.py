@@ -65,7 +65,7 @@ class StraightLine:
     def conditions(self) -> tuple[DriveConditions, ...]:
         return tuple(DriveConditions(x) for x in self.x)
 
-    def problem(self, positions: Collection[float]) -> "StraightLine":
+    def problem(self, positions: Collection[float], minimum_positions: int = 1) -> "StraightLine":
         chosen = [k for k, x in enumerate(self.x) if x in positions]
         return StraightLine(tuple(self.x[k] for k in chosen), tuple(self.y[k] for k in chosen))
 
@@ -203,10 +203,14 @@ def test_mode_that_nobody_measured_was_taken_for_the_one_above_it() -> None:
     assert np.all(apart < 2.0 * without.fit.coordinates.standard_uncertainties)
 
 
-def test_peak_of_no_mode_is_refused() -> None:
+def test_peak_of_no_mode_is_dropped_with_its_reason() -> None:
     stray = ModalObservation(DriveConditions(0.6), 250.0)
-    with pytest.raises(NotIdentifiableError, match="the peak at 250 Hz at 600 mm is nearest to one at"):
-        peak_case(JOINTS, [*EVERYWHERE, stray])
+    case = peak_case(JOINTS, [*EVERYWHERE, stray])
+    assert [peak.observation for peak in case.assignment.dropped] == [stray]
+    assert case.assignment.peaks == peak_case(JOINTS, EVERYWHERE).assignment.peaks
+    below_all = ModalObservation(DriveConditions(0.6), 10.0)  # what a wrong joint may make of the first mode
+    with pytest.raises(NotIdentifiableError, match="the peak at 10 Hz at 600 mm is nearest to one at"):
+        peak_case(JOINTS, [*EVERYWHERE, below_all])
 
 
 def test_joints_that_all_end_at_a_limit_are_refused() -> None:
@@ -456,7 +460,7 @@ class Level:
     def with_priors(self, priors: np.ndarray) -> "Level":
         return replace(self, priors=priors)
 
-    def problem(self, positions: Collection[float]) -> WithPriors:
+    def problem(self, positions: Collection[float], minimum_positions: int = 1) -> WithPriors:
         return with_priors(Readings(self.y), self.priors)
 
     search_problem = problem

@@ -152,6 +152,34 @@ def test_published_positions_predict_the_others(published: tuple[dict[str, Any],
 
 
 @pytest.mark.release
+def test_one_position_fits_itself_and_several_predict_the_others(published: tuple[dict[str, Any], Path]) -> None:
+    document, _ = published
+    fits = {tuple(each["from_mm"]): each for each in document["robustness"]}
+    assert list(fits) == [(600.0,), (1000.0,), (1600.0,), (600.0, 1000.0, 1600.0)]
+    together = fits[600.0, 1000.0, 1600.0]
+    assert together["parameters"] == {name: joint["value"] for name, joint in document["parameters"].items()}
+    worst = {
+        positions: {
+            place: max(abs(error["error_percent"]) for error in each["errors"] if error["position_mm"] == place)
+            for place in (600.0, 800.0, 1000.0, 1300.0, 1600.0, 1900.0)
+        }
+        for positions, each in fits.items()
+    }
+    held_out = {
+        positions: max(errors[place] for place in (800.0, 1300.0, 1900.0)) for positions, errors in worst.items()
+    }
+    assert held_out[600.0, 1000.0, 1600.0] == document["held_out"]["worst_percent"]
+    for (own,), errors in ((positions, errors) for positions, errors in worst.items() if len(positions) == 1):
+        assert errors[own] < worst[600.0, 1000.0, 1600.0][own]  # Tables 5 to 7: it fits itself best
+        assert held_out[own,] > 1.5 * held_out[600.0, 1000.0, 1600.0]  # Tables 8 and 9: and the others worse
+    # Table 5: the joints of 1600 mm alone have the bearings wrong about, and a nut a third stiffer
+    alone, both = (fits[positions]["parameters"] for positions in ((1600.0,), (600.0, 1000.0, 1600.0)))
+    assert alone[STIFFNESSES[0]] < 0.3 * both[STIFFNESSES[0]]
+    assert alone[STIFFNESSES[1]] > 2.0 * both[STIFFNESSES[1]]
+    assert 1.2 < alone["nut_stiffness_n_per_m"] / both["nut_stiffness_n_per_m"] < 1.5
+
+
+@pytest.mark.release
 def test_the_objective_says_what_it_rests_on(published: tuple[dict[str, Any], Path]) -> None:
     objective = published[0]["objective"]
     assert (objective["kind"], objective["positions_mm"]) == ("peaks", [600.0, 1000.0, 1600.0])
@@ -209,7 +237,11 @@ def test_uncertain_frees_only_what_it_names(preload: Any, tmp_path: Path) -> Non
     assert tuple(found["parameters"]) == ("nut_stiffness_n_per_m",)
     table = preload("identify", PEAKS, "--model", model, "--hold-out-mm", 800).out
     value = found["parameters"]["nut_stiffness_n_per_m"]["value"]
-    for word in ("(peaks, 5 positions)", f"{value:.4g} N/m", "worst error, positions not used", "measure next at"):
+    alone = found["robustness"][0]["parameters"]["nut_stiffness_n_per_m"]
+    for word in (
+        "(peaks, 5 positions)", f"{value:.4g} N/m", "worst error, positions not used", "measure next at",
+        "One position against several", "from 600, 1000, 1300, 1600, 1900 mm", "worst error at 800 mm", f"{alone:.4g}",
+    ):  # fmt: skip
         assert word in table
     # a prior that is sure of a value holds the joint there
     text = model.read_text(encoding="utf-8")

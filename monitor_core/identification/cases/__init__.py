@@ -12,6 +12,7 @@ from monitor_core.identification.cases.any_family import (
 )
 from monitor_core.identification.cases.numbered import nearer as nearer
 from monitor_core.identification.cases.peaks import (
+    DroppedPeak as DroppedPeak,
     PeakCase as PeakCase,
     assigned_peaks as assigned_peaks,
     peak_case as peak_case,

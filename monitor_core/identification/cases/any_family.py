@@ -68,8 +68,8 @@ class Case(Protocol):
         """Return the case with other priors."""
         ...
 
-    def problem(self, positions: Collection[float]) -> Problem:
-        """Return the problem whose minimum is the answer, of the data at these positions [m]."""
+    def problem(self, positions: Collection[float], minimum_positions: int = POSITIONS_OF_PEAKS) -> Problem:
+        """Return the problem whose minimum is the answer, of the data at these positions [m], peaks at a minimum."""
         ...
 
     def search_problem(self, positions: Collection[float]) -> Problem:
@@ -122,11 +122,11 @@ class FrequencyCase:
         """Return the case with other priors."""
         return replace(self, priors=priors)
 
-    def problem(self, positions: Collection[float]) -> Problem:
+    def problem(self, positions: Collection[float], minimum_positions: int = POSITIONS_OF_PEAKS) -> Problem:
         """Return logarithmic errors of the frequencies at these positions, over their uncertainties."""
-        if len(positions) < POSITIONS_OF_PEAKS:
+        if len(positions) < minimum_positions:
             raise NotIdentifiableError(
-                f"joints must be identified from frequencies at {POSITIONS_OF_PEAKS} positions at least; got "
+                f"joints must be identified from frequencies at {minimum_positions} positions at least; got "
                 f"{len(positions)}"
             )
         return with_priors(natural_frequency_problem(self.drive, self._at(positions)), self.priors)
@@ -200,7 +200,7 @@ class ResponseCase:
         """Return the case with other priors."""
         return replace(self, priors=priors)
 
-    def problem(self, positions: Collection[float]) -> Problem:
+    def problem(self, positions: Collection[float], minimum_positions: int = 1) -> Problem:
         """Return complex differences over the noise."""
         return self._problem(positions, ResidualForm.COMPLEX)
 

@@ -54,6 +54,8 @@ from monitor_core.models.published.receptance.parameters import ReceptanceParame
 MASKED_BELOW = 0.05
 #: What it costs to give a peak to a masked mode, in squares of ln f: 10 % of frequency.
 _MASKED_COST = math.log(1.1) ** 2
+#: A peak moves otherwise than a mode where the two differ by more than so many of their standard uncertainties.
+_OTHERWISE = 2.0
 _ROUNDS = 20
 
 
@@ -79,12 +81,43 @@ class MissingPeak:
 
 
 @dataclass(frozen=True, slots=True)
+class DroppedPeak:
+    """A peak that is no axial mode: it does not move with the position as one does, or there is none left for it."""
+
+    observation: ModalObservation
+    mode: int  # of the model, the next one in frequency; from 1
+    mode_frequency: float  # where the model has it, shifted as at the other positions [Hz]
+    own_peaks: tuple[int, ...]  # the modes below and above it, where both have peaks of their own there
+    elsewhere: ModalObservation | None  # the peak next to it at the position from which that mode moves most
+    mode_moves: float  # by how much that mode would have moved from there, at the frequency of the peak [Hz]
+
+    @property
+    def moved(self) -> float | None:
+        """By how much it moved from elsewhere; None where no other position has a peak near it. [Hz]."""
+        return None if self.elsewhere is None else self.observation.frequency - self.elsewhere.frequency
+
+    @property
+    def sentence(self) -> str:
+        """Why it is none."""
+        mode = f"mode {self.mode} near {self.mode_frequency:.0f} Hz"
+        reason = f"no other position has a peak near it; next to it is {mode}"
+        if self.elsewhere is not None:
+            reason = (
+                f"it moved by {self.moved:+.3g} Hz from {self.elsewhere.conditions.position * 1e3:g} mm, where {mode} "
+                f"would by {self.mode_moves:+.3g} Hz"
+            )
+        own = " and ".join(map(str, self.own_peaks))
+        return f"{self.observation.name} is no axial mode: {reason}" + (f"; modes {own} have their own" if own else "")
+
+
+@dataclass(frozen=True, slots=True)
 class ModeAssignment:
     """Peaks with their modes, and what is not there."""
 
     peaks: tuple[AssignedPeak, ...]  # in the order of the table
     missing: tuple[MissingPeak, ...]
     shift: dict[int, float]  # mean ln(measured/model) of each mode that was measured [-]
+    dropped: tuple[DroppedPeak, ...] = ()
 
 
 def assign_modes(
@@ -94,36 +127,65 @@ def assign_modes(
     largest_shift: float = 0.25,
     n_modes: int = 6,
     motor_end: MotorEnd = MotorEnd.FREE,
+    drop: bool = False,
 ) -> ModeAssignment:
     """Give each measured peak the one of the model's ``n_modes`` lowest elastic modes that it belongs to.
 
-    Repeated readings of one peak are averaged before; the ``order`` of observations plays no part. Raises
-    NotIdentifiableError if a peak is farther than ``largest_shift``, relative, from every mode, or two peaks at one
-    position belong to one.
+    Repeated readings of one peak are averaged before; the ``order`` of observations plays no part. Peaks that can be no
+    axial mode may ``drop``. Raises NotIdentifiableError if another peak is farther than ``largest_shift``, relative,
+    from every mode, or two peaks at one position belong to one.
     """
     if not observations:
         raise NotIdentifiableError("modes must be assigned to one peak at least; the table has none")
     conditions = conditions_in_order(observations)
     tracks = track_modes(parameters, conditions, n_modes=n_modes, motor_end=motor_end)
     condition = np.array([conditions.index(observation.conditions) for observation in observations])
-    measured = np.log([observation.frequency for observation in observations])
+    table = _Table(observations, np.log([each.frequency for each in observations]), condition, tracks)
     limit = math.log1p(largest_shift)
-    _require_near(observations, measured, condition, tracks, largest_shift)
-    modes, shift = _placed(measured, condition, tracks, limit)
-    distance = np.abs(measured - np.log(tracks.frequency[condition, modes]))
-    if np.any(distance > limit):
-        raise NotIdentifiableError(_two_for_one(observations, measured, condition, tracks, int(distance.argmax())))
-    peaks = tuple(AssignedPeak(peak, int(mode) + 1) for peak, mode in zip(observations, modes, strict=True))
-    shown = sorted({int(mode) for mode in modes})
+    modes, shift = _placed(table, limit)
+    if np.any(table.distance(modes) > limit):
+        if not drop:
+            raise NotIdentifiableError(_refusal(table, int(table.distance(modes).argmax()), largest_shift))
+        modes, shift = _placed(table, limit, spare=limit**2 + _MASKED_COST)
+        modes = _without_companions(table, np.where(table.distance(modes) > limit, -1, modes))
+        shift = np.where(np.isin(np.arange(n_modes), modes), shift, 0.0)
+    kept = np.flatnonzero(modes >= 0)
+    peaks = tuple(AssignedPeak(observations[int(k)], int(modes[k]) + 1) for k in kept)
+    shown = sorted(set(modes[kept].tolist()))
     return ModeAssignment(
-        peaks, _missing(tracks, condition, modes, shift), {mode + 1: float(shift[mode]) for mode in shown}
+        peaks,
+        _missing(tracks, condition[kept], modes[kept], shift),
+        {mode + 1: float(shift[mode]) for mode in shown},
+        tuple(_dropped(table, int(k), modes, shift, largest_shift) for k in np.flatnonzero(modes < 0)),
     )
 
 
-def _placed(
-    measured: FloatArray, condition: IndexArray, tracks: ModeTracks, limit: float
-) -> tuple[IndexArray, FloatArray]:
-    """Return the mode of each peak, counted from 0, and the shift of each mode."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """What was measured beside the modes of the model; shape (n_peaks,)."""
+
+    observations: Sequence[ModalObservation]
+    measured: FloatArray  # ln f
+    condition: IndexArray  # of ``tracks``
+    tracks: ModeTracks
+
+    def distance(self, modes: IndexArray) -> FloatArray:
+        """Return how far each peak is from its mode, in ln f; infinite where it has none."""
+        away = np.abs(self.measured - np.log(self.tracks.frequency[self.condition, modes]))
+        return np.where(modes < 0, np.inf, away)
+
+    def alike(self, k: int, other: int, moves: float = 0.0) -> bool:
+        """Tell whether a peak is, within uncertainties, where another one would be that moves by so much in ln f."""
+        both = [relative_frequency_uncertainty(self.observations[peak]) for peak in (k, other)]
+        return bool(abs(self.measured[k] - self.measured[other] - moves) <= _OTHERWISE * math.hypot(*both))
+
+
+def _placed(table: _Table, limit: float, spare: float | None = None) -> tuple[IndexArray, FloatArray]:
+    """Return the mode of each peak, counted from 0, and the shift of each mode.
+
+    A peak may stay without a mode, −1, at the cost of ``spare``.
+    """
+    tracks, measured, condition = table.tracks, table.measured, table.condition
     model = np.log(tracks.frequency)
     masked = _MASKED_COST * (tracks.table_share < MASKED_BELOW)
     shift, modes = np.zeros(tracks.n_modes), np.full(measured.size, -1)
@@ -133,9 +195,11 @@ def _placed(
             here = np.flatnonzero(condition == place)
             # more peaks than modes: the last of them stay without one, which is refused by their distance
             cost = (measured[here, None] - model[place] - shift) ** 2 + masked[place]
-            rows, columns = scipy.optimize.linear_sum_assignment(cost)
             modes[here] = np.argmin(cost, axis=1)
-            modes[here[rows]] = columns
+            if spare is not None:
+                cost = np.hstack([cost, np.full((here.size, here.size), spare)])
+            rows, columns = scipy.optimize.linear_sum_assignment(cost)
+            modes[here[rows]] = np.where(columns < tracks.n_modes, columns, -1)
         if np.array_equal(before, modes):
             break
         for mode in range(tracks.n_modes):
@@ -145,38 +209,93 @@ def _placed(
     return modes, shift
 
 
-def _require_near(
-    observations: Sequence[ModalObservation],
-    measured: FloatArray,
-    condition: IndexArray,
-    tracks: ModeTracks,
-    largest_shift: float,
-) -> None:
-    away = np.abs(measured[:, None] - np.log(tracks.frequency[condition]))
+def _without_companions(table: _Table, modes: IndexArray) -> IndexArray:
+    """Take their modes from peaks that stay where others are without one, and do not move with those of their mode."""
+    without = np.flatnonzero(modes < 0)
+    taken = modes.copy()
+    for k, mode in enumerate(modes.tolist()):
+        model = np.log(table.tracks.frequency[table.condition, mode])
+        others = [peak for peak in np.flatnonzero(modes == mode) if peak != k]
+        if mode >= 0 and any(table.alike(k, int(peak)) for peak in without):
+            farthest = int(max(others, key=lambda peak: abs(model[peak] - model[k]), default=k))
+            if farthest == k or not table.alike(k, farthest, float(model[k] - model[farthest])):
+                taken[k] = -1
+    return taken
+
+
+def _dropped(table: _Table, k: int, modes: IndexArray, shift: FloatArray, largest_shift: float) -> DroppedPeak:
+    """Return why a peak without a mode is no axial mode; raises NotIdentifiableError where it may be one."""
+    here, limit = table.condition[k], math.log1p(largest_shift)
+    away = table.measured[k] - np.log(table.tracks.frequency[here]) - shift
+    below, above = np.flatnonzero(away >= 0.0), np.flatnonzero(away < 0.0)
+    beside = [int(side[np.abs(away[side]).argmin()]) for side in (below, above) if side.size]
+    again = [peak for peak in np.flatnonzero(table.condition == here) if peak != k and table.alike(k, int(peak))]
+    # a mode that has its own peak, and is far away, is none of this one; beyond the last mode there may be another
+    taken = set(modes[table.condition == here].tolist()) & set(np.flatnonzero(np.abs(away) > limit).tolist())
+    taken = taken if below.size and above.size else set()
+    if again or any(mode not in taken and _moves_alike(table, k, mode, modes, limit) for mode in beside):
+        raise NotIdentifiableError(_refusal(table, k, largest_shift))
+    mode = min(beside, key=lambda mode: (mode in taken, float(abs(away[mode]))))
+    elsewhere, moves = _elsewhere(table, k, mode, modes, limit)
+    return DroppedPeak(
+        table.observations[k],
+        mode + 1,
+        float(table.tracks.frequency[here, mode] * math.exp(shift[mode])),
+        tuple(mode + 1 for mode in beside) if taken.issuperset(beside) else (),
+        None if elsewhere is None else table.observations[elsewhere],
+        0.0 if elsewhere is None else table.observations[elsewhere].frequency * math.expm1(moves),
+    )
+
+
+def _elsewhere(table: _Table, k: int, mode: int, modes: IndexArray, limit: float) -> tuple[int | None, float]:
+    """Return the peak next to one in frequency at the position from which a mode moves most, and its move in ln f.
+
+    Positions at which that peak has no mode either come first.
+    """
+    model, stated = np.log(table.tracks.frequency[:, mode]), table.tracks.conditions
+    here = table.condition[k]
+    found: list[tuple[bool, float, int]] = []
+    for place, conditions in enumerate(stated):
+        if place != here and replace(conditions, position=stated[here].position) == stated[here]:
+            there = np.flatnonzero(table.condition == place)
+            nearest = int(there[np.abs(table.measured[there] - table.measured[k]).argmin()])
+            if abs(table.measured[nearest] - table.measured[k]) <= limit:
+                found.append((bool(modes[nearest] < 0), abs(float(model[here] - model[place])), nearest))
+    if not found:
+        return None, 0.0
+    nearest = max(found)[-1]
+    return nearest, float(model[here] - model[table.condition[nearest]])
+
+
+def _moves_alike(table: _Table, k: int, mode: int, modes: IndexArray, limit: float) -> bool:
+    """Tell whether a peak may have moved as a mode does; where nothing is near it elsewhere nobody knows."""
+    elsewhere, moves = _elsewhere(table, k, mode, modes, limit)
+    return elsewhere is None or table.alike(k, elsewhere, moves)
+
+
+def _refusal(table: _Table, worst: int, largest_shift: float) -> str:
+    """Say which peak is near no mode, or which two are near one."""
+    away = np.abs(table.measured[:, None] - np.log(table.tracks.frequency[table.condition]))
     nearest = away.min(axis=1)
     k = int(nearest.argmax())
-    if nearest[k] > math.log1p(largest_shift):
-        model = tracks.frequency[condition[k], away[k].argmin()]
-        raise NotIdentifiableError(
-            f"a peak must lie within {largest_shift:.0%} of a mode of the model; {observations[k].name} is nearest to "
-            f"one at {model:.0f} Hz"
-        )
+    if nearest[k] <= math.log1p(largest_shift):
+        return _two_for_one(table, worst)
+    model = table.tracks.frequency[table.condition[k], away[k].argmin()]
+    return (
+        f"a peak must lie within {largest_shift:.0%} of a mode of the model; {table.observations[k].name} is nearest "
+        f"to one at {model:.0f} Hz"
+    )
 
 
-def _two_for_one(
-    observations: Sequence[ModalObservation],
-    measured: FloatArray,
-    condition: IndexArray,
-    tracks: ModeTracks,
-    worst: int,
-) -> str:
+def _two_for_one(table: _Table, worst: int) -> str:
     """Name the two peaks, at the position of the one that found no mode, that are nearest to the same mode."""
-    here = np.flatnonzero(condition == condition[worst])
-    nearest = np.abs(measured[here, None] - np.log(tracks.frequency[condition[worst]])).argmin(axis=1)
+    here = np.flatnonzero(table.condition == table.condition[worst])
+    model = np.log(table.tracks.frequency[table.condition[worst]])
+    nearest = np.abs(table.measured[here, None] - model).argmin(axis=1)
     shared = next((mode for mode in nearest if np.sum(nearest == mode) > 1), None)
     if shared is None:
-        return f"{observations[worst].name} belongs to no mode once the others at its position have theirs"
-    peak, other = (observations[k] for k in here[nearest == shared][:2])
+        return f"{table.observations[worst].name} belongs to no mode once the others at its position have theirs"
+    peak, other = (table.observations[k] for k in here[nearest == shared][:2])
     return (
         f"a mode has one peak at a position; {peak.name} and that at {other.frequency:g} Hz both belong to mode "
         f"{shared + 1}; average repeated readings, leave out what is no mode"
@@ -223,9 +342,9 @@ class PeakCase:
         """Return the case with other priors."""
         return replace(self, priors=priors)
 
-    def problem(self, positions: Collection[float]) -> Problem:
+    def problem(self, positions: Collection[float], minimum_positions: int = POSITIONS_OF_PEAKS) -> Problem:
         """Return relative errors of the peaks at these positions, weighted."""
-        return with_priors(self._problem(positions, self.weighting, POSITIONS_OF_PEAKS), self.priors)
+        return with_priors(self._problem(positions, self.weighting, minimum_positions), self.priors)
 
     def search_problem(self, positions: Collection[float]) -> Problem:
         """Return the same: errors of peaks can be followed from afar."""
@@ -295,10 +414,11 @@ def peak_case(
     """Give measured peaks their modes, by where a receptance model has them: as stated, or the one that is ``near``.
 
     ``bands`` are where the peak of each mode is looked for; by default around the measured ones, between the other
-    modes. Raises NotIdentifiableError if a peak belongs to no mode, or two at one position to the same;
-    OutsideValidityError if modes change places along the screw, so that no band holds one of them alone.
+    modes. Peaks that can be no axial mode are dropped. Raises NotIdentifiableError if another belongs to no mode, or
+    two at one position to the same; OutsideValidityError if modes change places along the screw, so that no band holds
+    one of them alone.
     """
-    assignment = assign_modes(receptance_axis(near or drive), observations)
+    assignment = assign_modes(receptance_axis(near or drive), observations, drop=True)
     if bands is None:
         bands = _bands_between_modes(near or drive, assignment.peaks)
     return PeakCase(drive, assignment, bands, weighting, drive.priors)
