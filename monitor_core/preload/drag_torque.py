@@ -31,7 +31,7 @@ _SPEED_TOLERANCE = 0.05
 #: Path of the windows below which they stand still, mean of a window [m].
 _SHORTEST_PATH = 1e-4
 #: Pairs of travels, there and back, below which their scatter says nothing.
-_FEWEST_PAIRS = 3
+FEWEST_PAIRS = 3
 #: Share of the path that net travel must leave unexplained: in one direction alone friction and offset are one number.
 _BOTH_DIRECTIONS = 0.01
 #: Channels that are sampled together are together to this part of a sample: work that so little would make ...
@@ -144,15 +144,15 @@ def estimate_drag_torque(windows: Sequence[Window], moves: Sequence[Moves] | Non
     comparable = np.abs(np.abs(velocity) - speed) <= 2.0 * _SPEED_TOLERANCE * speed
     forward, back = torque[comparable & (velocity > 0.0)], torque[comparable & (velocity < 0.0)]
     n_pairs = min(forward.size, back.size)
-    if n_pairs < _FEWEST_PAIRS:
+    if n_pairs < FEWEST_PAIRS:
         return Rejection(
             RejectionReason.TOO_FEW_AVERAGES,
-            f"drag torque needs at least {_FEWEST_PAIRS} constant-velocity travels in each direction, with position; "
+            f"drag torque needs at least {FEWEST_PAIRS} constant-velocity travels in each direction, with position; "
             f"got {forward.size} forward and {back.size} back in {len(windows)} windows",
         )
     forward, back = forward[:n_pairs], back[:n_pairs]
     return DragTorque(
-        drag=_mean_of(0.5 * (forward - back)), offset=_mean_of(0.5 * (forward + back)), speed=speed, n_pairs=n_pairs
+        drag=mean_of(0.5 * (forward - back)), offset=mean_of(0.5 * (forward + back)), speed=speed, n_pairs=n_pairs
     )
 
 
@@ -177,13 +177,13 @@ def friction_torque(windows: Sequence[Window], moves: Sequence[Moves] | None = N
     done, path, net = np.concatenate([np.empty((3, 0)), *work], axis=1)
     own = float(path @ path - (path @ net) ** 2 / max(float(net @ net), 1e-300))  # of the path, not of the net travel
     if (
-        done.size < _FEWEST_PAIRS
+        done.size < FEWEST_PAIRS
         or path.sum() < _SHORTEST_PATH * done.size * windows[0].sample_rate
         or own < _BOTH_DIRECTIONS * float(path @ path)
     ):
         return Rejection(
             RejectionReason.TOO_FEW_AVERAGES,
-            f"friction torque needs at least {_FEWEST_PAIRS} windows with motion in both directions and position; "
+            f"friction torque needs at least {FEWEST_PAIRS} windows with motion in both directions and position; "
             f"got {done.size}",
         )
     columns = np.column_stack([path, net])
@@ -204,27 +204,27 @@ def moves_of(windows: Sequence[Window]) -> list[Moves]:
         Moves(
             rate,
             np.array([window.excitation for window in together], dtype=np.float64),
-            _velocity(np.array([window.position_trace for window in together]), rate),
+            velocity_of(np.array([window.position_trace for window in together]), rate),
         )
         for (rate, _), together in alike.items()
     ]
 
 
-def _velocity(traces: SampleArray, rate: float) -> FloatArray:
+def velocity_of(traces: SampleArray, rate: float, span: float = _VELOCITY_SPAN) -> FloatArray:
     """Return the slope of the line through the samples around each; at either end that of the first and last line.
 
     A Savitzky–Golay filter of the first order, by which a window is as long as its trace.
     """
-    half = _span(rate) // 2
+    half = _span(rate, span) // 2
     steps = np.arange(-half, half + 1)
     velocity: FloatArray = scipy.ndimage.correlate1d(traces, rate * steps / float(steps @ steps), output=np.float64)
     velocity[:, :half], velocity[:, -half:] = velocity[:, [half]], velocity[:, [-half - 1]]
     return velocity
 
 
-def _span(sample_rate: float) -> int:
+def _span(sample_rate: float, span: float = _VELOCITY_SPAN) -> int:
     """Return the samples over which the position is differentiated, an odd number."""
-    return 2 * round(0.5 * _VELOCITY_SPAN * sample_rate) + 1
+    return 2 * round(0.5 * span * sample_rate) + 1
 
 
 def _constant_velocity_travels(moves: Moves) -> FloatArray:
@@ -248,5 +248,6 @@ def _constant_velocity_travels(moves: Moves) -> FloatArray:
     return np.array([mean[is_constant], mean_torque[is_constant]])
 
 
-def _mean_of(values: FloatArray) -> Estimate:
+def mean_of(values: FloatArray) -> Estimate:
+    """Return the mean with the scatter of the values behind it."""
     return Estimate(float(values.mean()), float(values.std(ddof=1)) / math.sqrt(values.size), values.size - 1)

@@ -36,12 +36,13 @@ COMMANDS = {
     "retention": "Say how long waveforms are kept and what they take; let go what the rule does not keep.",
     "serve": "Run the service.",
     "simulate": "Record a session of a drive model, without a machine.",
+    "torque": "Read friction and the orders of the screw from torque and position alone.",
     "user": "Make and change the people who may log in.",
 }
 
 #: Commands by what a person comes for.
 GROUPS = {
-    "Measure": ("check", "import", "frf", "calibrate", "estimate", "lost-motion"),
+    "Measure": ("check", "import", "frf", "calibrate", "estimate", "torque", "lost-motion"),
     "Model and explain": ("modes", "simulate", "identify", "explain", "batch"),
     "Run the service": ("demo", "serve", "replay", "rejudge", "mqtt", "opcua"),
     "Administer": ("backup", "restore", "retention", "user", "key"),
@@ -69,6 +70,7 @@ EXAMPLES = {
     "retention": "retention show --days 365",
     "serve": "serve --data-dir /var/lib/preload",
     "simulate": "simulate mill.toml --out trial.session.h5",
+    "torque": "torque strokes.session.h5 --lead-mm 10 --out strokes.svg",
     "user": "user add anna --role operator",
 }
 #: Where a command stands that has no module of its own.

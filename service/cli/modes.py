@@ -25,10 +25,6 @@ _INPUTS = ("motor torque / r_g [N]", "force at the table [N]")
 _OUTPUTS = ("r_g * motor angle [m]", "displacement of the table [m]")
 #: Lines of a table for people, and of a file or a maximum over the band.
 _FEW, _MANY = 19, 2001
-_STYLE = (
-    ".curve{fill:none;stroke:#0a6ebd;stroke-width:2}.curve.reference{stroke:#888;stroke-dasharray:6 4}"
-    ".grid{stroke:#ddd}.quiet{fill:#555}text{font:13px sans-serif}svg{background:#fff}"
-)
 #: What ``--out`` writes, as a target is called.
 _FILES = {"matrix": "transfer matrix", "state-space": "state space"}
 
@@ -250,15 +246,12 @@ def _polynomial(law: FrequencyLaw) -> str:
 
 def _picture(plant: Plant, frequency: FloatArray) -> str:
     """Draw |G11|, |G12| = |G21| and |G22|, as Figs. 3 and 5 do: dashed without the loss factor."""
-    from service.report.line_chart import WIDE, Curve, LinePicture, line_chart  # noqa: PLC0415  # as above
-    from service.report.svg import element, label  # noqa: PLC0415
+    from service.report.line_chart import Curve, LinePicture, stacked  # noqa: PLC0415  # as above
 
     own, traditional = (np.abs(_matrix(each, frequency)) for each in (plant, plant.lossless))
     panels = []
-    for row, (i, name) in enumerate(((0, "|G11|"), (1, "|G12| = |G21|"), (3, "|G22|"))):
+    for i, name in ((0, "|G11|"), (1, "|G12| = |G21|"), (3, "|G22|")):
         curves = [Curve(frequency, traditional[:, i], "reference"), Curve(frequency, own[:, i], "measured")]
-        chart = line_chart(LinePicture(name, "Hz", "m/N", curves, logarithmic=True), WIDE, str)
-        title = label(f"{name} in m/N; dashed: without loss factor", WIDE.right, 24.0, text_anchor="end")
-        panels.append(element("g", chart, title, transform=f"translate(0 {row * WIDE.height:g})"))
-    box = f"0 0 {WIDE.width:g} {3.0 * WIDE.height:g}"
-    return element("svg", element("style", _STYLE), *panels, xmlns="http://www.w3.org/2000/svg", viewBox=box)
+        picture = LinePicture(name, "Hz", "m/N", curves, logarithmic=True)
+        panels.append((picture, f"{name} in m/N; dashed: without loss factor"))
+    return stacked(panels)

@@ -16,6 +16,7 @@ ENDINGS = {
     "page": (".html", ".htm"),
     "transfer matrix": (".csv", ".svg"),
     "state space": (".mat",),
+    "picture": (".svg",),
 }
 
 

@@ -40,6 +40,12 @@ NARROW: Final = Frame(388.0, 190.0, 70.0, 4, 3, below=28.0, top=10.0, points=120
 LOW_WIDE: Final = Frame(1180.0, 130.0, 84.0, 8, 4, below=28.0, top=10.0, points=220)
 LOW_NARROW: Final = Frame(388.0, 130.0, 70.0, 4, 4, below=28.0, top=10.0, points=110)
 
+#: Of a file of its own, which no page styles.
+_STYLE = (
+    ".curve{fill:none;stroke:#0a6ebd;stroke-width:2}.curve.reference{stroke:#888;stroke-dasharray:6 4}"
+    ".grid{stroke:#ddd}.quiet{fill:#555}text{font:13px sans-serif}svg{background:#fff}"
+)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinePicture:
@@ -74,6 +80,17 @@ def line_chart(shown: LinePicture, frame: Frame, write: Callable[[str], str]) ->
         x = float(x_axis(shown.picked))
         parts.append(element("line", x1=x, y1=frame.top, x2=x, y2=frame.bottom, class_="picked"))
     return image(frame.width, frame.height, shown.title, *parts)
+
+
+def stacked(pictures: Sequence[tuple[LinePicture, str]]) -> str:
+    """Return pictures under each other, each with words over its right end, as a file of their own."""
+    panels = []
+    for row, (picture, words) in enumerate(pictures):
+        title = label(words, WIDE.right, 24.0, text_anchor="end")
+        chart = line_chart(picture, WIDE, str)
+        panels.append(element("g", chart, title, transform=f"translate(0 {row * WIDE.height:g})"))
+    box = f"0 0 {WIDE.width:g} {len(panels) * WIDE.height:g}"
+    return element("svg", element("style", _STYLE), *panels, xmlns="http://www.w3.org/2000/svg", viewBox=box)
 
 
 def _curve(curve: Curve, x_axis: Axis, y_axis: Axis, points: int) -> Markup:

@@ -37,6 +37,7 @@ NOT = {
     "simulate": (*ANALYSES, *SERVICE),
     "frf": (*ANALYSES, *MODELS, *SERVICE),
     "lost_motion": (*ANALYSES, *MODELS, *SERVICE),
+    "torque": (*ANALYSES, *MODELS, *SERVICE),
     "estimate": (*ANALYSES, *MODELS, *SERVICE),
     "calibrate": (*ANALYSES, *MODELS, *SERVICE),
     "check": (*ANALYSES, *MODELS, *SERVICE),
