@@ -68,9 +68,10 @@ class Baseline:
             missing.append("any temperature: none was stated")
         else:
             low, high = self.temperatures
-            seen = (f"{low:.1f}", f"{high:.1f}")
-            other = f"other than {seen[0]}" if seen[0] == seen[1] else f"below {seen[0]} or above {seen[1]}"
-            missing.append(f"temperatures {other} °C")
+            if f"{low:.1f}" == f"{high:.1f}":
+                missing.append(f"temperatures other than {low:.1f} °C")
+            else:
+                missing.append(f"temperatures below {low:.1f} or above {high:.1f} °C")
         return tuple(missing)
 
 

@@ -101,8 +101,8 @@ def said_of(alarm: JointEvidence) -> str:
         half = 0.5 * (number.interval_95_percent[1] - number.interval_95_percent[0])
         sign = "+" if number.change_percent > 0.0 else ""
         parts.append(
-            f"{_CALLED[change.name]} {sign}{plus_minus(number.change_percent, half)} % ({100.0 * change.share:.0f} % "
-            "of the evidence)"
+            f"{_CALLED[change.name]} by {sign}{plus_minus(number.change_percent, half)} % "
+            f"({100.0 * change.share:.0f} % of the evidence)"
         )
     return (
         f"since {alarm.onset:%Y-%m-%d} several numbers together have changed{_AS_LOSS[alarm.as_loss]}: "

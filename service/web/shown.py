@@ -145,6 +145,7 @@ def install(environment: Environment) -> None:
         "shares": shares_in_words,
         "translated": spoken(Words.__call__),
         "called": spoken(Words.called),
+        "told": spoken(Words.told),
     }
     environment.newstyle_gettext = True  # type: ignore[attr-defined]  # values of {% trans %} come as arguments
     environment.globals |= {"_": spoken(Words.marked), "gettext": spoken(Words.marked), "ngettext": spoken(plural)}

@@ -1,8 +1,11 @@
 """Words of the pages: English in the templates, other languages in ``languages/*.po``, each read once.
 
 A text is marked where it stands: ``_("…")`` or ``{% trans %}`` in a template, ``N_("…")`` in Python where it is chosen.
+Sentences that the program writes in English, many of them stored, are found again by their templates (:func:`told`).
 """
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from gettext import GNUTranslations, NullTranslations
@@ -121,6 +124,13 @@ class Words:
         """Return a text of a template, which may hold elements, with values in the places that it names."""
         return _marked(self.texts, text) % values if values else _marked_alone(self.texts, text)
 
+    def told(self, sentence: str) -> Markup:
+        """Return a sentence that was written in English; where no text of the catalogue is behind it, as it is."""
+        if self.language == SOURCE:
+            return escape(sentence)
+        found = _told(self, sentence) or _told(self, sentence, names=True)
+        return Markup('<span lang="en">{}</span>').format(sentence) if found is None else escape(found)
+
     def called(self, code: str, kind: str) -> Markup:
         """Return what a code is called; one that nobody has named stands as it is."""
         text = CALLED[kind].get(code)
@@ -150,6 +160,85 @@ def _marked(texts: NullTranslations, text: str) -> Markup:
 @cache
 def _marked_alone(texts: NullTranslations, text: str) -> Markup:
     return _marked(texts, text) % {}
+
+
+#: Where a value stands in a text: of sentences that are written at once, and of those that are put together.
+_PLACE: Final = re.compile(r"%\((\w+)\)s|\{(\w+)[^{}]*\}")
+#: What joins sentences and values, each known by itself.
+_JOINTS: Final = {"; ": "; ", ", or ": N_(", or "), ", ": ", ", " and ": N_(" and "), " or ": N_(" or "), ". ": ". "}
+_DECIMAL: Final = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w.]*\d)")
+
+
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """A text with places, and what tells a sentence that was made of it."""
+
+    longest: str  # of its pieces
+    pattern: re.Pattern[str]
+    names: tuple[str, ...]
+    translated: str
+
+    def filled(self, values: Sequence[str | None]) -> str:
+        """Return the translated text with values in its places."""
+        named = dict(zip(self.names, map(str, values), strict=True))
+        return _PLACE.sub(lambda place: named[place[1] or place[2]], self.translated).replace("%%", "%")
+
+
+@cache
+def _catalogue(texts: NullTranslations) -> dict[str, str]:
+    """Return all texts of a language, each with what it is in it."""
+    every: dict[object, str] = getattr(texts, "_catalog", {})  # GNUTranslations has no other way to list them
+    return {text: said for text, said in every.items() if isinstance(text, str) and text}
+
+
+@cache
+def _templates(texts: NullTranslations) -> tuple[_Template, ...]:
+    """Return all texts with places, those that say most by themselves first."""
+    found = []
+    for text, translated in _catalogue(texts).items():
+        if _PLACE.search(text):
+            pieces = _PLACE.split(text.replace("%%", "%"))
+            literal, names = pieces[::3], tuple(a or b for a, b in zip(pieces[1::3], pieces[2::3], strict=True))
+            pattern = re.compile("(.*?)".join(map(re.escape, literal)), re.DOTALL)
+            found.append((sum(map(len, literal)), _Template(max(literal, key=len), pattern, names, translated)))
+    return tuple(template for _, template in sorted(found, key=lambda item: -item[0]))
+
+
+@lru_cache(maxsize=4096)
+def _told(words: Words, sentence: str, *, names: bool = False) -> str | None:
+    """Return a sentence in another language by the text that it was made of; None if there is none.
+
+    Its values may be sentences themselves; several may be joined, or follow the name of what they are about. With
+    ``names`` a value may be what somebody called something, of several words.
+    """
+    if (text := _catalogue(words.texts).get(sentence)) is not None:
+        return text
+    if not re.search(r"[^\W\d_]{3}", sentence):  # numbers and units
+        return _number(words, sentence)
+    for joint, translated in _JOINTS.items():
+        parts = sentence.split(joint) if joint in sentence else ()
+        if parts and None not in (told := [_told(words, part) for part in parts]):
+            return words(translated).join(filter(None, told))
+    for template in _templates(words.texts):
+        if template.longest in sentence and (match := template.pattern.fullmatch(sentence)):
+            told = [_value(words, value, names=names) for value in match.groups()]
+            if None not in told:
+                return template.filled(told)
+    head, mark, rest = sentence.partition(": ")
+    said = _told(words, rest, names=names) if mark else None
+    return None if said is None else f"{_value(words, head, names=True)}{mark}{said}"
+
+
+def _value(words: Words, value: str, *, names: bool) -> str | None:
+    """Return a value of a sentence: in its language if it is one itself, else as a number or as somebody called it."""
+    if value[:1] in ("'", '"', "“"):
+        return value
+    found = _told(words, value)
+    return value if found is None and (names or " " not in value.strip()) else found
+
+
+def _number(words: Words, text: str) -> str:
+    return _DECIMAL.sub(rf"\1{words.decimal}\2", text)
 
 
 @lru_cache(maxsize=256)

@@ -8,6 +8,7 @@ import fcntl
 import itertools
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -129,6 +130,34 @@ def served(states: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[S
 def fresh_service(states: Path, tmp_path: Path) -> Iterator[Site]:
     """Serve an axis in every state, for a test that changes something."""
     yield from sites(tmp_path, states)
+
+
+@pytest.fixture(scope="session")
+def nothing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make the data folder of a service that knows no axis."""
+    folder = tmp_path_factory.mktemp("nothing")
+    (folder / "var").mkdir()
+    return folder / "var"
+
+
+@pytest.fixture(scope="session")
+def tried(nothing: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Serve a trial that was made by one request, for tests that only read."""
+    for site in sites(tmp_path_factory.mktemp("tried"), nothing):
+        job = site.api.http.post("/v1/trials").json()
+        wait_for(site, job["id"])
+        yield site
+
+
+def wait_for(site: Site, job: str, seconds: float = 120.0) -> dict[str, object]:
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        found: dict[str, object] = site.api.http.get(f"/v1/jobs/{job}").json()
+        if found["status"] not in ("queued", "running"):
+            assert (found["status"], found["error"]) == ("done", None)
+            return found
+        time.sleep(0.2)
+    raise AssertionError(f"job {job} did not end within {seconds} s")
 
 
 Visit = Callable[..., Page]

@@ -9,43 +9,15 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import LOOKS, Site, Visit, sites, violations
+from tests.browser.conftest import LOOKS, Site, Visit, sites, violations, wait_for
 from tests.conftest import canary
 from tests.service.conftest import assert_problem
-
-
-@pytest.fixture(scope="module")
-def nothing(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make the data folder of a service that knows no axis."""
-    folder = tmp_path_factory.mktemp("nothing")
-    (folder / "var").mkdir()
-    return folder / "var"
 
 
 @pytest.fixture
 def empty_service(nothing: Path, tmp_path: Path) -> Iterator[Site]:
     """Serve no axis."""
     yield from sites(tmp_path, nothing)
-
-
-@pytest.fixture(scope="module")
-def tried(nothing: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """Serve a trial that was made by one request, for tests that only read."""
-    for site in sites(tmp_path_factory.mktemp("tried"), nothing):
-        job = site.api.http.post("/v1/trials").json()
-        wait_for(site, job["id"])
-        yield site
-
-
-def wait_for(site: Site, job: str, seconds: float = 120.0) -> dict[str, object]:
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        found: dict[str, object] = site.api.http.get(f"/v1/jobs/{job}").json()
-        if found["status"] not in ("queued", "running"):
-            assert (found["status"], found["error"]) == ("done", None)
-            return found
-        time.sleep(0.2)
-    raise AssertionError(f"job {job} did not end within {seconds} s")
 
 
 @pytest.mark.release

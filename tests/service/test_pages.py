@@ -78,7 +78,7 @@ def test_a_picture_is_drawn_anew_when_what_it_shows_has_changed(tmp_path) -> Non
             assert marks == [[str(n) for n in range(1, number + 1)]] * 2
         assert lubricated not in pages[-1]
         for page in (pages[-1], api.http.get(f"/axes/axis/measurements/{marks[-1][-1]}").text):
-            assert re.search(r'<span lang="en"[^>]*>± [\d.]+ N; with the payload ± [\d.]+ N\.</span>', page)
+            assert re.search(r"[ >]± [\d.]+ N; with the payload ± [\d.]+ N\.", page)
         entry = {"at": (START + timedelta(days=2)).isoformat(), "who": "Anna", "kind": "lubricated"}
         assert api.http.post("/v1/axes/axis/maintenance", json=entry).status_code == 201
         page = api.http.get("/axes/axis").text

@@ -17,6 +17,7 @@ from service.web.shown import number, percent, say, with_interval
 from service.web.site import environment
 from service.web.words import LANGUAGES, words_for
 from tests.conftest import PROJECT_ROOT
+from tests.service.sentences import said_by_program
 
 TEMPLATES = PROJECT_ROOT / "service" / "web" / "templates"
 #: Drawn by a program of others, which has its own words.
@@ -41,6 +42,8 @@ def extracted() -> Catalog:
             catalog.add(message, locations=[(f"service/{folder}/{name}", 0)], auto_comments=comments, context=context)
     for text in SHARES.values():
         catalog.add(text, locations=[("service/documents/measurement.py", 0)])
+    for text, written_in in said_by_program():
+        catalog.add(text, locations=[(written_in, 0)])
     return catalog
 
 
@@ -72,7 +75,7 @@ def test_a_language_has_every_text_and_no_other(language: str) -> None:
 
 
 def names(text: str) -> set[str]:
-    return set(re.findall(r"%\((\w+)\)s|<(/?\w+)", text)) | set(re.findall(r"\{\w+\}", text))
+    return set(re.findall(r"%\((\w+)\)s|<(/?\w+)", text)) | set(re.findall(r"\{(\w+)[^{}]*\}", text))
 
 
 @pytest.mark.parametrize("language", ALL_LANGUAGES)
