@@ -135,7 +135,7 @@ class JobRunner:
             with self.database.write() as session:
                 jobs.let_go(session)
         for kind in self.work:
-            self._wake(kind)
+            self.wake(kind)
 
     def submit(
         self,
@@ -152,20 +152,27 @@ class JobRunner:
         ``alone``: what is under way where another one of its kind and axis is not done yet, for the ConflictError.
         Raises BusyError if too many of its kind are not done yet.
         """
+        with self.database.write() as session:
+            row = self.enter(session, kind, axis_id, arguments, alone=alone)
+            if store_with is not None:
+                row.arguments = store_with(session, row)
+        self.wake(kind)
+        return row
+
+    def enter(
+        self, session: Session, kind: str, axis_id: str | None, arguments: JsonObject, *, alone: str | None = None
+    ) -> JobRow:
+        """Store a new job in a transaction that does more; :meth:`wake` queues it. Raises as :meth:`submit`."""
         at = now()
         row = JobRow(
             id=str(uuid.uuid4()), kind=kind, axis_id=axis_id, arguments=arguments, status=jobs.QUEUED,
             done=0, total=None, result=None, error=None, created_at=at, updated_at=at, owner=None, lease_until=None,
         )  # fmt: skip
-        with self.database.write() as session:
-            self._require_place(session, kind, axis_id)
-            if alone is not None and (others := jobs.unfinished_jobs(session, kind, axis_id)):
-                raise ConflictError(f"{alone} already, by job {others[0].id}")
-            session.add(row)
-            if store_with is not None:
-                session.flush()
-                row.arguments = store_with(session, row)
-        self._wake(kind)
+        self._require_place(session, kind, axis_id)
+        if alone is not None and (others := jobs.unfinished_jobs(session, kind, axis_id)):
+            raise ConflictError(f"{alone} already, by job {others[0].id}")
+        session.add(row)
+        session.flush()
         return row
 
     def require_place(self, kind: str, axis_id: str) -> None:
@@ -211,7 +218,8 @@ class JobRunner:
             lane.thread.join()
         self._heart.close()
 
-    def _wake(self, kind: str) -> None:
+    def wake(self, kind: str) -> None:
+        """Have the jobs of a kind taken up that were stored meanwhile."""
         lane = self._lanes.get(kind)
         if lane is None:
             wake = threading.Event()

@@ -184,16 +184,17 @@ def estimate_preload(
     if (refusal := contradiction(stated, calibration)) is not None:
         return refusal
     stated_feature = Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom)
+    interval = _fieller_interval(feature, calibration, budget)
     return PreloadEstimate(
         preload=preload,
-        interval=_fieller_interval(feature, calibration, budget),
+        interval=interval,
         feature=stated_feature,
         feature_own_uncertainty=math.sqrt(budget.frequency) * new_each_time(frequency, random_uncertainty),
         feature_systematic_uncertainty=math.sqrt(systematic),
         feature_scatter=math.sqrt(budget.shown),
         shares=budget.shares,
         if_stated=_if_stated(feature, calibration, budget),
-        outside=_outside(preload, conditions, calibration),
+        outside=_outside(interval, conditions, calibration),
         assumptions=_assumptions(conditions, calibration, excitation_source),
         doubts=(*doubts_of(deviations, calibration), *_risen(stated_feature, conditions, calibration)),
         deviations=deviations,
@@ -435,11 +436,12 @@ def _refuse_payload(conditions: Conditions, calibration: Calibration) -> Rejecti
     )
 
 
-def _outside(preload: float, conditions: Conditions, calibration: Calibration) -> tuple[str, ...]:
+def _outside(preload: Interval, conditions: Conditions, calibration: Calibration) -> tuple[str, ...]:
+    """Name what lies outside the calibrated range; a preload does if nothing of its interval lies inside."""
     travel = calibration.position.upper - calibration.position.lower
     inside = {
         "position": calibration.position.covers(conditions.position, margin=POSITION_MARGIN * travel),
-        "preload": calibration.preload.covers(preload),
+        "preload": preload.lower <= calibration.preload.upper and preload.upper >= calibration.preload.lower,
         "payload": conditions.payload_mass is None
         or INVERSE_MOVING_MASS in calibration.declared  # declared as a law, not within a range
         or calibration.payload.covers(conditions.payload_mass),

@@ -179,9 +179,15 @@ def activate_calibration(
 
     Where the axis was watched without a calibration, a job judges that history by it: alarms stay the same ones.
     """
-    expected = request.headers.get("if-match")
-    if services.calibrations.activate(axis, calibration, body.reason, expected_active=expected):
-        services.rejudgements.start(axis, RejudgementIn(calibration=calibration, reason=body.reason))
+    anew = RejudgementIn(calibration=calibration, reason=body.reason)
+    services.calibrations.activate(
+        axis,
+        calibration,
+        body.reason,
+        expected_active=request.headers.get("if-match"),
+        judge_history=lambda session: services.rejudgements.enter(session, axis, anew),
+    )
+    services.rejudgements.wake()
     return calibrations_out(services.calibrations.overview(axis))
 
 

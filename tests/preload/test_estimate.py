@@ -338,6 +338,17 @@ def test_extrapolation_says_in_what(position: float, preload: float, outside: tu
     assert answer.extrapolated is bool(outside)
 
 
+@given(preload=st.floats(20.0, 450.0), uncertainty=st.floats(0.02, 2.0))
+def test_a_preload_is_outside_only_if_the_calibration_has_seen_none_of_its_interval(
+    preload: float, uncertainty: float
+) -> None:
+    """A reading of 300.4 N ± 5 N was outside of a calibration up to 300 N."""
+    answer = estimate_preload(Estimate(true_frequency(0.5, preload), uncertainty), Conditions(0.5), SMALL)
+    assert isinstance(answer, PreloadEstimate)
+    overlap = min(answer.interval.upper, PRELOADS[-1]) - max(answer.interval.lower, PRELOADS[0])
+    assert answer.outside == (("preload",) if overlap < 0.0 else ())
+
+
 def test_temperature_outside_the_calibrated_range_is_said() -> None:
     calibration = calibration_of(np.random.default_rng(23), influences=((0.0, 20.0), (0.0, 30.0), (10.0, 20.0)))
     conditions = Conditions(0.5, 15.0, 45.0)

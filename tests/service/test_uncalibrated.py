@@ -24,6 +24,7 @@ from monitor_core.trend import DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import plus_minus
 from service.operations.monitoring.axis_configuration import drive_law
 from service.operations.monitoring.intake.chart_state import load_state
+from service.store import jobs
 from tests.identification.test_described_calibration import AXES, Plant
 from tests.service.conftest import SAMPLE_RATE, START, Api, axial_frequency, simulated_measurement
 from tests.service.test_calibrating import windows_of
@@ -141,6 +142,23 @@ def test_a_calibration_judges_the_history_anew_and_its_alarm_stays_the_same(watc
     assert after["evidence"]["preload_loss_n"] == pytest.approx(200.0, abs=60.0)
     assert after["evidence"]["onset"] == before["evidence"]["onset"]
     assert watched.axis("watched")["state"] == "alarm"
+
+
+def test_a_calibration_whose_history_cannot_be_judged_now_comes_into_force_later_with_it(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was in force after 503, and the same request, sent again, left the history without newtons."""
+    api.register("busy", windows_per_measurement=10)
+    api.accept("busy", simulated_measurement(np.random.default_rng(24), "m", n_windows=10))
+    with monkeypatch.context() as busy, pytest.raises(AssertionError, match="come back later"):
+        busy.setattr(jobs, "count_unfinished", lambda *_: 10**6)
+        api.calibrate("busy")
+    assert api.axis("busy")["active_calibration"] is None
+    api.calibrate("busy")
+    deadline = time.monotonic() + 60.0
+    while api.trend("busy")[0]["preload_n"] is None and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert api.trend("busy")[0]["preload_n"] == pytest.approx(300.0, abs=60.0)
 
 
 def test_charts_of_the_service_take_for_scatter_what_is_new_in_each_measurement(shared_api: Api) -> None:

@@ -1,6 +1,6 @@
 """Fit, store and activate the calibrations of axes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -95,24 +95,33 @@ class Calibrations:
         """Store a calibration that ``preload calibrate`` wrote."""
         return self._store(axis_id, calibration_from_document(document), comment)
 
-    def activate(self, axis_id: str, calibration_id: int, reason: str, *, expected_active: str | None) -> bool:
+    def activate(
+        self,
+        axis_id: str,
+        calibration_id: int,
+        reason: str,
+        *,
+        expected_active: str | None,
+        judge_history: Callable[[Session], object] | None = None,
+    ) -> None:
         """Put a calibration in force; the charts begin with a new baseline, since they watch another number now.
 
-        Activating what is in force changes nothing, so that a request may be repeated. Returned is whether frequencies
-        were watched until now: that history is for the calibration to judge, which alone tells newtons.
+        Activating what is in force changes nothing, so that a request may be repeated. ``judge_history``: called in
+        the same transaction where frequencies were watched until now, for the calibration alone tells newtons; if it
+        refuses, none comes in force.
         """
         with self._database.write(axis_id) as session:
             axis = get_axis(session, axis_id)
             row = calibrations.get_calibration(session, axis_id, calibration_id)
             calibrations.require_in_force(axis, expected_active)
             if axis.active_calibration_id == row.id:
-                return False
-            watched = axis.active_calibration_id is None and axis.last_charted_at is not None
+                return
+            if judge_history is not None and axis.active_calibration_id is None and axis.last_charted_at is not None:
+                judge_history(session)
             axis.active_calibration_id = row.id
             session.flush()
             begin_by_calibration(session.connection(), axis_id)
             session.add(ActivationRow(axis_id=axis_id, calibration_id=row.id, activated_at=now(), reason=reason))
-            return watched
 
     def overview(self, axis_id: str) -> CalibrationOverview:
         """Return the calibrations of an axis and their history."""

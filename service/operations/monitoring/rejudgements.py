@@ -76,8 +76,15 @@ class Rejudgements:
             calibrations.require_in_force(get_axis(session, axis_id), if_match)
             return row.arguments
 
-        alone = f"the history of axis '{axis_id}' is being judged anew"
-        return self._runner.submit(KIND, axis_id, asked.model_dump(mode="json", by_alias=True), in_force, alone=alone)
+        return self._runner.submit(KIND, axis_id, _arguments(asked), in_force, alone=_alone(axis_id))
+
+    def enter(self, session: Session, axis_id: str, asked: RejudgementIn) -> None:
+        """Store a job in a transaction that does more; :meth:`wake` begins it. Raises as :meth:`start`."""
+        self._runner.enter(session, KIND, axis_id, _arguments(asked), alone=_alone(axis_id))
+
+    def wake(self) -> None:
+        """Begin what was entered."""
+        self._runner.wake(KIND)
 
     def run(self, job: JobHandle) -> None:
         """Judge what is left aside, then let it stand, or undo it where it is a dry run."""
@@ -161,3 +168,12 @@ class Rejudgements:
         with self._database.write() as session:
             if get_job(session, job_id).status == CANCELLED:
                 rejudged.forget_staged(session.connection(), job_id)
+
+
+def _arguments(asked: RejudgementIn) -> JsonObject:
+    arguments: JsonObject = asked.model_dump(mode="json", by_alias=True)
+    return arguments
+
+
+def _alone(axis_id: str) -> str:
+    return f"the history of axis '{axis_id}' is being judged anew"
