@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from monitor_core.preload import Calibration, preload_from_feature
 from monitor_core.trend import FEWEST_SESSIONS, DetectorState, FoundRate, TrendLine
@@ -268,3 +268,33 @@ def false_alarms_view(stated: float, rate: FoundRate | None, n_sessions: int) ->
             f"{rate.rate:.1f} ({lower:.1f} to {upper:.1f})"
         ),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryColumn:
+    """What a history says under one calibration."""
+
+    calibration: int | None
+    state: str  # of the axis after the last measurement
+    n_measurements: int
+    n_refused: int
+    states: dict[str, int]  # after how many measurements the axis stood so
+    n_alarms: int
+    first_alarm_at: datetime | None
+    alarms_at: tuple[datetime, ...]  # when the measurements were made that raised them
+    median_preload_n: float | None
+    median_interval_95_n: tuple[float | None, float | None]  # of the lower and of the upper ends; None: mostly open
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """How an axis stood and stands, or would stand, side by side."""
+
+    dry_run: bool
+    same_alarms: bool
+    waveforms_gone: int  # measurements that stand as they were judged before
+    old: HistoryColumn
+    new: HistoryColumn
+
+
+COMPARISON = TypeAdapter(Comparison)

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from monitor_core.trend import DetectorState, Evidence, latest_difference
-from service.clock import text_of
-from service.documents.measurement import AlarmEvidence, chart_in_english, finite_or_null
+from service.documents.measurement import AlarmEvidence, chart_in_english, evidence_document
 from service.documents.said import N_, Said, Value
 from service.json_types import JsonObject
 from service.store.trend.lost_motion import LostMotionReading
@@ -32,27 +31,16 @@ def lost_motion_evidence(reading: LostMotionReading, state: DetectorState) -> Js
             f"since {alarm.onset:%Y-%m-%d} lost motion has grown and {now}, {difference:.2g} µm above the baseline's "
             f"{baseline.mean:.3g} µm: {chart_in_english(alarm, 'growth')}"
         )
-    document: JsonObject = finite_or_null({
-        "at": text_of(reading.at),
-        "measurement": reading.name,
-        # what alarms of the preload have
-        **dict.fromkeys(("preload_n", "baseline_preload_n", "preload_loss_n")),
-        "interval": [None, None],
-        "interval_kind": "95 % coverage",
+    size = {
         "lost_motion_um": session.value,
         "lost_motion_interval_95_um": [reading.interval_lower_um, reading.interval_upper_um],
         "lost_motion_baseline_um": None if baseline is None else baseline.mean,
         "lost_motion_rise_um": difference,
         "mean_rise_since_onset_um": rise,
         "mean_rise_interval_95_um": [rise - reach, rise + reach],
-        "chart": str(alarm.chart),
-        "chart_value": alarm.value,
-        "chart_limit": alarm.limit,
-        "onset": text_of(alarm.onset),
-        "sentence": words,
-        "check_next": _CHECK_NEXT,
-    })  # fmt: skip
-    return document
+    }
+    chart = (str(alarm.chart), alarm.value, alarm.limit, alarm.onset)
+    return evidence_document(reading, chart, size, sentence=words, check_next=_CHECK_NEXT)
 
 
 @dataclass(frozen=True, slots=True)

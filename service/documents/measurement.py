@@ -35,6 +35,7 @@ from service.json_types import Json, JsonObject
 
 if TYPE_CHECKING:  # the command line writes documents without a database
     from service.store.intake import MeasurementRecord
+    from service.store.trend.lost_motion import LostMotionReading
     from service.store.trend.points import TrendPoint
     from service.store.trend.shown import ShownPoint, ToldColumns
 
@@ -364,23 +365,44 @@ def alarm_evidence(
         size, lost_in_words = _in_percent(fall), fall_in_english(fall)
     else:
         size, lost_in_words = _in_newtons(point, baseline.mean, difference, alarm.change.value, calibration)
-    return finite_or_null({
-        "at": text_of(point.at),
-        "measurement": point.name,
-        **size,
-        "chart": str(alarm.chart),
-        "chart_value": alarm.value,
-        "chart_limit": alarm.limit,
-        "onset": text_of(alarm.onset),
+    learnt = {
         "baseline_started_at": text_of(baseline.started_at),
         # what was learnt before anybody could know is no reference for the change
         "baseline_ended_at": text_of(min(baseline.ended_at, alarm.onset - timedelta(microseconds=1))),
-        "sentence": (
-            f"since {alarm.onset:%Y-%m-%d} {lost_in_words}: " + chart_in_english(alarm, "loss")
-        ),
-        "check_next": "measure again at another position; "
-        + ("" if point.friction_torque_nm is None else "compare the friction torque; ")
-        + "check nut and bearing mounting",
+    }
+    friction = "" if point.friction_torque_nm is None else "compare the friction torque; "
+    return evidence_document(
+        point,
+        (str(alarm.chart), alarm.value, alarm.limit, alarm.onset),
+        size | learnt,
+        sentence=f"since {alarm.onset:%Y-%m-%d} {lost_in_words}: {chart_in_english(alarm, 'loss')}",
+        check_next=f"measure again at another position; {friction}check nut and bearing mounting",
+    )
+
+
+def evidence_document(
+    raised_by: "TrendPoint | LostMotionReading",
+    chart: tuple[str, float, float, datetime],
+    size: Mapping[str, object],
+    *,
+    sentence: str,
+    check_next: str,
+) -> JsonObject:
+    """Lay out what every alarm says of itself: the measurement, how much it is, chart, value, limit and onset."""
+    name, value, limit, onset = chart
+    return finite_or_null({
+        "at": text_of(raised_by.at),
+        "measurement": raised_by.name,
+        **dict.fromkeys(("preload_n", "baseline_preload_n", "preload_loss_n")),
+        "interval": [None, None],
+        "interval_kind": "95 % coverage",
+        **size,
+        "chart": name,
+        "chart_value": value,
+        "chart_limit": limit,
+        "onset": text_of(onset),
+        "sentence": sentence,
+        "check_next": check_next,
     })  # fmt: skip
 
 
@@ -400,32 +422,21 @@ def _evidence_while_learning(
         size = {
             "preload_n": point.preload_n,
             "interval": list(interval_of(point)),
-            "interval_kind": "95 % coverage",
-            "baseline_preload_n": None,
-            "preload_loss_n": None,
             "loss_percent": lost,
             "loss_interval_95_percent": [lower, upper],
         }
         words = f"the preload falls while its baseline is learnt: {plus_minus(-lost, 0.5 * (upper - lower))} %"
     unstated = any(session.temperature is None for session in (*state.learning, state.session) if session is not None)
     doubt = "; temperature was not stated, so that a colder axis is not told from it" if unstated else ""
-    return finite_or_null({
-        "at": text_of(point.at),
-        "measurement": point.name,
-        **size,
-        "chart": str(alarm.chart),
-        "chart_value": alarm.value,
-        "chart_limit": alarm.limit,
-        "onset": text_of(alarm.onset),
-        "sentence": (
-            f"{words} from {alarm.onset:%Y-%m-%d} to {point.at:%Y-%m-%d}; the logarithm of the evidence is "
-            f"{alarm.value:.1f}, its limit {alarm.limit:.1f}{doubt}"
-        ),
-        "check_next": (
-            "inspect nut, bearings and mounting; when the axis is in order clear the alarm, which begins the baseline "
-            "anew; until then none is learnt"
-        ),
-    })  # fmt: skip
+    return evidence_document(
+        point,
+        (str(alarm.chart), alarm.value, alarm.limit, alarm.onset),
+        size,
+        sentence=f"{words} from {alarm.onset:%Y-%m-%d} to {point.at:%Y-%m-%d}; the logarithm of the evidence is "
+        f"{alarm.value:.1f}, its limit {alarm.limit:.1f}{doubt}",
+        check_next="inspect nut, bearings and mounting; when the axis is in order clear the alarm, which begins the "
+        "baseline anew; until then none is learnt",
+    )
 
 
 def _in_newtons(
@@ -444,7 +455,6 @@ def _in_newtons(
     return {
         "preload_n": point.preload_n,
         "interval": list(interval_of(point)),
-        "interval_kind": "95 % coverage",
         "baseline_preload_n": healthy,
         "preload_loss_n": lost,
         "mean_loss_since_onset_n": lost_since_onset,
@@ -453,11 +463,6 @@ def _in_newtons(
 
 def _in_percent(fall: FrequencyFall) -> dict[str, object]:
     return {
-        "preload_n": None,
-        "interval": [None, None],
-        "interval_kind": "95 % coverage",
-        "baseline_preload_n": None,
-        "preload_loss_n": None,
         "frequency_fall_percent": fall.percent,
         "frequency_fall_interval_95_percent": list(fall.interval_95_percent),
         "preload_lost_if_preload_percent": list(fall.lost_percent),

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from monitor_core.trend import JOINT_SHARE, DetectorDesign, JointEvidence, JointState, NumberChange, joint_limit
 from monitor_core.uncertainty import plus_minus
 from service.clock import text_of
-from service.documents.measurement import ChangedNumber, finite_or_null, interval_of
+from service.documents.measurement import ChangedNumber, evidence_document, interval_of
 from service.json_types import JsonObject
 
 if TYPE_CHECKING:
@@ -115,25 +115,21 @@ def together_evidence(point: "TrendPoint", state: JointState) -> JsonObject:
     alarm, learnt = state.alarm, state.learnt
     if alarm is None or learnt is None:
         raise AssertionError("an alarm has evidence and a baseline behind it")
-    document: JsonObject = finite_or_null({
-        "at": text_of(point.at),
-        "measurement": point.name,
+    size = {
         "preload_n": point.preload_n,
         "interval": list(interval_of(point)),
-        "interval_kind": "95 % coverage",
         "baseline_preload_n": point.baseline_preload_n,
-        "preload_loss_n": None,
-        "chart": "several-numbers",
-        "chart_value": alarm.log_evidence,
-        "chart_limit": alarm.limit,
-        "onset": text_of(alarm.onset),
         "baseline_started_at": text_of(learnt.started_at),
         "baseline_ended_at": text_of(alarm.onset - timedelta(microseconds=1)),
         "numbers": [_changed(change).model_dump() for change in alarm.changes],
-        "sentence": said_of(alarm),
-        "check_next": "measure again at another position; check nut preload, lubrication and mounting",
-    })  # fmt: skip
-    return document
+    }
+    return evidence_document(
+        point,
+        ("several-numbers", alarm.log_evidence, alarm.limit, alarm.onset),
+        size,
+        sentence=said_of(alarm),
+        check_next="measure again at another position; check nut preload, lubrication and mounting",
+    )
 
 
 def _listed(names: tuple[str, ...]) -> str:

@@ -78,11 +78,11 @@ class Holds:
         """Return why a window is kept that is old enough to be let go; None: it is let go."""
         if window.is_open:
             return Why.OPEN
-        if window.measurement_id in self.pinned or _within(window.measured_at, self.pinned_spans):
+        if window.measurement_id in self.pinned or any(span.holds(window.measured_at) for span in self.pinned_spans):
             return Why.PIN
         if window.preload_was_set:
             return Why.CALIBRATION
-        return Why.ALARM if _within(window.measured_at, self.alarm_spans) else None
+        return Why.ALARM if any(span.holds(window.measured_at) for span in self.alarm_spans) else None
 
 
 def holds_of(connection: Connection, axis_id: str, rule: Rule) -> Holds:
@@ -96,12 +96,6 @@ def holds_of(connection: Connection, axis_id: str, rule: Rule) -> Holds:
         frozenset(number for number, _, _ in pins if number is not None),
         [Span(start, end) for number, start, end in pins if number is None],
         alarms,
-    )
-
-
-def _within(moment: datetime, spans: Sequence[Span]) -> bool:
-    return any(
-        (span.start is None or span.start <= moment) and (span.end is None or moment < span.end) for span in spans
     )
 
 

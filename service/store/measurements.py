@@ -12,7 +12,7 @@ from service.store.intake import JUDGED, REFUSED
 from service.store.lookup import existing_of
 from service.store.retention import require_stored
 from service.store.tables import PLACE, AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, microseconds_of
-from service.store.trend.points import POINTS
+from service.store.trend.points import POINTS, Span
 from service.store.trend.shown import points_at
 from service.store.waveforms import WaveformPlace
 
@@ -159,14 +159,8 @@ def newest_window(session: Session) -> WindowRow | None:
 
 
 def _looked_at(axis_id: str, start: datetime | None = None, end: datetime | None = None) -> Select[MeasurementRow]:
-    query = select(MeasurementRow).where(
-        MeasurementRow.axis_id == axis_id, MeasurementRow.status.in_((JUDGED, REFUSED))
-    )
-    if start is not None:
-        query = query.where(MeasurementRow.started_at >= start)
-    if end is not None:
-        query = query.where(MeasurementRow.started_at < end)
-    return query
+    of_axis = (MeasurementRow.axis_id == axis_id, MeasurementRow.status.in_((JUDGED, REFUSED)))
+    return select(MeasurementRow).where(*of_axis, *Span(start, end).bounds(MeasurementRow.started_at))
 
 
 def responses_of(session: Session, measurement_ids: Sequence[int]) -> dict[int, JsonObject]:

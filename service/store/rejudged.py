@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import (
-    ColumnElement,
     Connection,
     and_,
     bindparam,
@@ -91,7 +90,7 @@ def left_to_judge(
     joined = _MEASUREMENTS.outerjoin(_STAGED, staged)
     left = or_(_STAGED.c.seen_revision.is_(None), _STAGED.c.seen_revision != _MEASUREMENTS.c.revision)
     query = select(*_MEASUREMENT).select_from(joined)
-    query = query.where(_MEASUREMENTS.c.axis_id == axis_id, *_within(span), left)
+    query = query.where(_MEASUREMENTS.c.axis_id == axis_id, *span.bounds(_MEASUREMENTS.c.started_at), left)
     order = (_MEASUREMENTS.c.started_at, _MEASUREMENTS.c.id)
     if after is not None:
         cursor = tuple_(literal(after[0], _MEASUREMENTS.c.started_at.type), literal(after[1]))
@@ -101,8 +100,8 @@ def left_to_judge(
 
 def progress_of(connection: Connection, job_id: str, axis_id: str, span: Span) -> tuple[int, int]:
     """Return how many measurements a job has kept aside, and how many there are in its span."""
-    query = select(func.count()).select_from(_MEASUREMENTS)
-    total = connection.execute(query.where(_MEASUREMENTS.c.axis_id == axis_id, *_within(span))).scalar_one()
+    within = (_MEASUREMENTS.c.axis_id == axis_id, *span.bounds(_MEASUREMENTS.c.started_at))
+    total = connection.execute(select(func.count()).select_from(_MEASUREMENTS).where(*within)).scalar_one()
     done = connection.execute(select(func.count()).where(_STAGED.c.job_id == job_id)).scalar_one()
     return done, total
 
@@ -152,12 +151,3 @@ def forget_gone(connection: Connection, job_id: str) -> None:
 def put_in_force(connection: Connection, axis_id: str, calibration_id: int) -> None:
     """Name the calibration that is in force on an axis."""
     connection.execute(update(_AXES).where(_AXES.c.id == axis_id).values(active_calibration_id=calibration_id))
-
-
-def _within(span: Span) -> list[ColumnElement[bool]]:
-    conditions: list[ColumnElement[bool]] = []
-    if span.start is not None:
-        conditions.append(_MEASUREMENTS.c.started_at >= span.start)
-    if span.end is not None:
-        conditions.append(_MEASUREMENTS.c.started_at < span.end)
-    return conditions

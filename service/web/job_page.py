@@ -8,11 +8,11 @@ from pydantic import BaseModel, TypeAdapter
 from service.api.access import needs
 from service.api.jobs import JobOut
 from service.api.services import ServicesOf
+from service.documents.history import COMPARISON
 from service.operations.access.scopes import Scope
 from service.operations.discrepancy_job import DiscrepancyIn, FoundDiscrepancy
 from service.operations.fields import JobId
 from service.operations.identification_job import IdentificationIn
-from service.operations.monitoring.rejudged_history import COMPARISON
 from service.operations.monitoring.rejudgements import RejudgementIn
 from service.store.rejudged import KIND as REJUDGEMENT
 from service.web.site import PageOf, done

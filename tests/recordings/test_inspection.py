@@ -12,7 +12,7 @@ import scipy.io
 from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import check_file, write_session
 from monitor_core.recordings.elements.units import Quantity, factor_to_si
-from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of_name, unit_in_name
+from monitor_core.recordings.raw.channel_kind import kind_of_name, unit_in_name
 from monitor_core.recordings.raw.channel_time import ChannelTime, Run, time_of_samples
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.inspection import read_as_proposed, summaries_of, summary_of
@@ -178,44 +178,44 @@ def test_breaks_of_a_channel_are_said():
 # ---- what it looks like -------------------------------------------------------------------------------------------
 
 NAMES = {
-    "Drive/Current": (ChannelKind.CURRENT, None),
-    "Nut/Acceleration": (ChannelKind.ACCELERATION, None),
-    "fActTorque": (ChannelKind.TORQUE, None),
-    "MAIN.Axis1.ActPos": (ChannelKind.POSITION, None),
-    "CurrentPosition": (ChannelKind.POSITION, None),
-    "Zeit": (ChannelKind.TIME, None),
-    "time_ms": (ChannelKind.TIME, "ms"),
-    "t [s]": (ChannelKind.TIME, "s"),
-    "Kraft (N)": (ChannelKind.FORCE, "N"),
-    "Hammer": (ChannelKind.FORCE, None),
-    "MotorTorque_Nm": (ChannelKind.TORQUE, "N.m"),
-    "acc_m_s2": (ChannelKind.ACCELERATION, "m/s2"),
-    "Beschleunigung": (ChannelKind.ACCELERATION, None),
-    "Velocity [mm/s]": (ChannelKind.VELOCITY, "mm/s"),
-    "actual/velocity_mm_s": (ChannelKind.VELOCITY, "mm/s"),
-    "speed_rpm": (ChannelKind.SPEED, "rev/min"),
-    "Drehzahl [1/min]": (ChannelKind.SPEED, "rev/min"),
-    "theta_m": (ChannelKind.ANGLE, None),
-    "phi_deg": (ChannelKind.ANGLE, "deg"),
-    "iq_ad": (ChannelKind.CURRENT, None),
-    "Linear scale [nm]": (ChannelKind.POSITION, "nm"),
+    "Drive/Current": (Quantity.CURRENT, None),
+    "Nut/Acceleration": (Quantity.ACCELERATION, None),
+    "fActTorque": (Quantity.TORQUE, None),
+    "MAIN.Axis1.ActPos": (Quantity.POSITION, None),
+    "CurrentPosition": (Quantity.POSITION, None),
+    "Zeit": (Quantity.TIME, None),
+    "time_ms": (Quantity.TIME, "ms"),
+    "t [s]": (Quantity.TIME, "s"),
+    "Kraft (N)": (Quantity.FORCE, "N"),
+    "Hammer": (Quantity.FORCE, None),
+    "MotorTorque_Nm": (Quantity.TORQUE, "N.m"),
+    "acc_m_s2": (Quantity.ACCELERATION, "m/s2"),
+    "Beschleunigung": (Quantity.ACCELERATION, None),
+    "Velocity [mm/s]": (Quantity.VELOCITY, "mm/s"),
+    "actual/velocity_mm_s": (Quantity.VELOCITY, "mm/s"),
+    "speed_rpm": (Quantity.SPEED, "rev/min"),
+    "Drehzahl [1/min]": (Quantity.SPEED, "rev/min"),
+    "theta_m": (Quantity.ANGLE, None),
+    "phi_deg": (Quantity.ANGLE, "deg"),
+    "iq_ad": (Quantity.CURRENT, None),
+    "Linear scale [nm]": (Quantity.POSITION, "nm"),
     "axis_a": (None, None),
-    "torque_a": (ChannelKind.TORQUE, None),  # of the axis A
-    "force_v": (ChannelKind.FORCE, None),
-    "motor_current_a": (ChannelKind.CURRENT, "A"),
-    "torque_mv": (ChannelKind.TORQUE, "mV"),
+    "torque_a": (Quantity.TORQUE, None),  # of the axis A
+    "force_v": (Quantity.FORCE, None),
+    "motor_current_a": (Quantity.CURRENT, "A"),
+    "torque_mv": (Quantity.TORQUE, "mV"),
     "temperature_c": (None, None),
     "a / (m/s²)": (None, "m/s2"),
-    "Kraft in kN": (ChannelKind.FORCE, "kN"),
-    "Torque [% of rated]": (ChannelKind.TORQUE, "%"),
-    "torque_pct": (ChannelKind.TORQUE, "%"),
-    "Torque %": (ChannelKind.TORQUE, "%"),
-    "position_nm": (ChannelKind.POSITION, "nm"),
-    "Torque [NM]": (ChannelKind.TORQUE, "N.m"),
-    "G/A": (ChannelKind.ACCELERATION, None),
-    "Drive/Torque": (ChannelKind.TORQUE, None),
-    "acc_min": (ChannelKind.ACCELERATION, None),
-    "frequency_hz": (ChannelKind.FREQUENCY, "Hz"),
+    "Kraft in kN": (Quantity.FORCE, "kN"),
+    "Torque [% of rated]": (Quantity.TORQUE, "%"),
+    "torque_pct": (Quantity.TORQUE, "%"),
+    "Torque %": (Quantity.TORQUE, "%"),
+    "position_nm": (Quantity.POSITION, "nm"),
+    "Torque [NM]": (Quantity.TORQUE, "N.m"),
+    "G/A": (Quantity.ACCELERATION, None),
+    "Drive/Torque": (Quantity.TORQUE, None),
+    "acc_min": (Quantity.ACCELERATION, None),
+    "frequency_hz": (Quantity.FREQUENCY, "Hz"),
     "AI0": (None, None),
 }
 
@@ -229,15 +229,15 @@ def test_names_say_what_a_channel_measures(subtests):
 def test_a_unit_says_of_a_name_what_turns_and_what_is_a_current(subtests):
     still = np.sin(60.0 * TIME)
     for name, unit, kind in (
-        ("Motor position", "deg", ChannelKind.ANGLE),
-        ("Motor position", "mm", ChannelKind.POSITION),
-        ("nact", "1/min", ChannelKind.SPEED),
-        ("omega", "rad/s", ChannelKind.SPEED),
-        ("Velocity", "rpm", ChannelKind.SPEED),
-        ("Velocity", "m/min", ChannelKind.VELOCITY),
-        ("Torque", "A", ChannelKind.CURRENT),
-        ("Current", "N.m", ChannelKind.TORQUE),
-        ("Torque", "%", ChannelKind.TORQUE),
+        ("Motor position", "deg", Quantity.ANGLE),
+        ("Motor position", "mm", Quantity.POSITION),
+        ("nact", "1/min", Quantity.SPEED),
+        ("omega", "rad/s", Quantity.SPEED),
+        ("Velocity", "rpm", Quantity.SPEED),
+        ("Velocity", "m/min", Quantity.VELOCITY),
+        ("Torque", "A", Quantity.CURRENT),
+        ("Current", "N.m", Quantity.TORQUE),
+        ("Torque", "%", Quantity.TORQUE),
     ):
         with subtests.test(name=name, unit=unit):
             summary = summary_of(Channel(name, still, unit))
@@ -246,7 +246,7 @@ def test_a_unit_says_of_a_name_what_turns_and_what_is_a_current(subtests):
 
 def test_a_column_without_a_name_that_rises_evenly_looks_like_a_time():
     kinds = [summary_of(Channel(str(number), values)).kind for number, values in enumerate((TIME, MOVE), start=1)]
-    assert kinds == [ChannelKind.TIME, None]
+    assert kinds == [Quantity.TIME, None]
 
 
 # ---- numbers of another quantity ----------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ class Quantity(StrEnum):
     SPEED = "motor-speed"
     CURRENT = "current"
     TIME = "time"
+    FREQUENCY = "frequency"
 
 
 #: 1 g is 9.806 65 m/s² (3rd CGPM, 1901).
@@ -213,6 +214,7 @@ _CUSTOMARY = {
     Quantity.SPEED: ("rad/s", "deg/s", "rev/s", "rev/min"),
     Quantity.CURRENT: ("A", "mA"),
     Quantity.TIME: ("s", "ms", "us", "ns", "min", "h", "d"),
+    Quantity.FREQUENCY: ("Hz", "kHz"),
 }
 #: Factor to SI of the customary ones; the first is the unit of SI.
 FACTOR_TO_SI = {quantity: {name: _known(name).factor for name in names} for quantity, names in _CUSTOMARY.items()}
@@ -221,7 +223,7 @@ RAW_UNITS = ("V", "mV", "A", "mA", "count", "%", "deg", "rad", "rev")
 _RAW_POWERS = frozenset(_known(name).powers for name in RAW_UNITS)
 _OUR_SPELLING = {
     (_known(name).powers, f"{_known(name).factor:.9e}"): name
-    for name in (*(name for names in _CUSTOMARY.values() for name in names), *RAW_UNITS, "Hz", "kHz", "rad/s", "dB")
+    for name in (*(name for names in _CUSTOMARY.values() for name in names), *RAW_UNITS, "dB")
 }
 
 

@@ -1,7 +1,6 @@
 """Propose what a channel measures, from its name, its unit and its values. A proposal is for a person to confirm."""
 
 import re
-from enum import StrEnum
 
 import numpy as np
 
@@ -16,57 +15,41 @@ from monitor_core.recordings.elements.units import (
     quantity_of_unit,
 )
 
-
-class ChannelKind(StrEnum):
-    """What a channel looks like."""
-
-    TORQUE = "torque"
-    FORCE = "force"
-    ACCELERATION = "acceleration"
-    VELOCITY = "velocity"
-    POSITION = "position"
-    ANGLE = "motor-angle"
-    SPEED = "motor-speed"
-    CURRENT = "current"
-    TIME = "time"
-    FREQUENCY = "frequency"
-
-
 #: What drives an axis, and what holds one value while the axis stands.
-DRIVES = (ChannelKind.TORQUE, ChannelKind.FORCE, ChannelKind.CURRENT)
-STANDING = (ChannelKind.POSITION, ChannelKind.ANGLE, ChannelKind.VELOCITY, ChannelKind.SPEED)
+DRIVES = (Quantity.TORQUE, Quantity.FORCE, Quantity.CURRENT)
+STANDING = (Quantity.POSITION, Quantity.ANGLE, Quantity.VELOCITY, Quantity.SPEED)
 
 #: How words in the name of a channel begin, in the languages of controls and loggers; the first kind that fits counts.
-_BEGINNINGS: dict[ChannelKind | None, tuple[str, ...]] = {
+_BEGINNINGS: dict[Quantity | None, tuple[str, ...]] = {
     None: ("temp", "volt", "spann", "status", "phase"),
-    ChannelKind.SPEED: ("rpm", "drehzahl"),
-    ChannelKind.VELOCITY: ("veloc", "speed", "geschw", "vitesse"),
-    ChannelKind.ACCELERATION: ("acc", "beschl", "vibr", "schwing"),
-    ChannelKind.TORQUE: ("torq", "trq", "drehmo", "moment", "couple", "coppia"),
-    ChannelKind.FORCE: ("forc", "kraft", "hammer", "impact", "impuls", "loadcell", "forza"),
-    ChannelKind.ANGLE: ("theta", "angle", "winkel", "phi", "rotor"),
-    ChannelKind.POSITION: (
+    Quantity.SPEED: ("rpm", "drehzahl"),
+    Quantity.VELOCITY: ("veloc", "speed", "geschw", "vitesse"),
+    Quantity.ACCELERATION: ("acc", "beschl", "vibr", "schwing"),
+    Quantity.TORQUE: ("torq", "trq", "drehmo", "moment", "couple", "coppia"),
+    Quantity.FORCE: ("forc", "kraft", "hammer", "impact", "impuls", "loadcell", "forza"),
+    Quantity.ANGLE: ("theta", "angle", "winkel", "phi", "rotor"),
+    Quantity.POSITION: (
         "pos", "lage", "weg", "displ", "encod", "travel", "stroke", "geber", "scale", "maßst", "massst", "règle",
         "regle",
     ),
-    ChannelKind.FREQUENCY: ("freq", "hz"),
-    ChannelKind.TIME: ("time", "zeit", "elapsed"),
+    Quantity.FREQUENCY: ("freq", "hz"),
+    Quantity.TIME: ("time", "zeit", "elapsed"),
 }  # fmt: skip
 #: A current, where no other word says what is current ("current position").
 _CURRENT = ("current", "strom", "courant", "ampere", "iq")
 #: Whole names that people give.
 _WHOLE = {
-    "a": ChannelKind.ACCELERATION, "ax": ChannelKind.ACCELERATION, "ay": ChannelKind.ACCELERATION,
-    "az": ChannelKind.ACCELERATION, "f": ChannelKind.FORCE, "fx": ChannelKind.FORCE, "fy": ChannelKind.FORCE,
-    "fz": ChannelKind.FORCE, "m": ChannelKind.TORQUE, "tq": ChannelKind.TORQUE, "i": ChannelKind.CURRENT,
-    "t": ChannelKind.TIME,
-    "sec": ChannelKind.TIME, "seconds": ChannelKind.TIME, "sek": ChannelKind.TIME,
+    "a": Quantity.ACCELERATION, "ax": Quantity.ACCELERATION, "ay": Quantity.ACCELERATION,
+    "az": Quantity.ACCELERATION, "f": Quantity.FORCE, "fx": Quantity.FORCE, "fy": Quantity.FORCE,
+    "fz": Quantity.FORCE, "m": Quantity.TORQUE, "tq": Quantity.TORQUE, "i": Quantity.CURRENT,
+    "t": Quantity.TIME,
+    "sec": Quantity.TIME, "seconds": Quantity.TIME, "sek": Quantity.TIME,
 }  # fmt: skip
 #: What a unit says of a name that leaves it open, or says it loosely: a "torque" in A is the current that makes it.
 _SAID_BY_UNIT = frozenset((
-    (ChannelKind.POSITION, ChannelKind.ANGLE), (ChannelKind.VELOCITY, ChannelKind.SPEED),
-    (ChannelKind.TORQUE, ChannelKind.CURRENT), (ChannelKind.CURRENT, ChannelKind.TORQUE),
-    (ChannelKind.SPEED, ChannelKind.VELOCITY),
+    (Quantity.POSITION, Quantity.ANGLE), (Quantity.VELOCITY, Quantity.SPEED),
+    (Quantity.TORQUE, Quantity.CURRENT), (Quantity.CURRENT, Quantity.TORQUE),
+    (Quantity.SPEED, Quantity.VELOCITY),
 ))  # fmt: skip
 _PLANNED = re.compile(r"set|soll|target|ref|c(omman|m)d|error|fehler|nom", re.IGNORECASE)
 _ERROR = re.compile(r"^err|err(or)?$|fehler|^(dev|diff|lag)$|^(deviat|differ)")  # of a word: not "Device", "Lage"
@@ -93,10 +76,9 @@ _NAMES_OF_STEP = frozenset((
     "dt", "ts", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval", "xincrement", "timestep",
     "deltat", "sampleperiod", "samplingperiod", "wfincrement", "abtastzeit", "abtastintervall",
 ))  # fmt: skip
-_FREQUENCY_UNITS = frozenset(("Hz", "kHz", "rad/s"))
 
 
-def kind_of_name(name: str) -> ChannelKind | None:
+def kind_of_name(name: str) -> Quantity | None:
     """Return what the name says; the last part of a name with slashes counts first."""
     for part in (re.split(r"[/\\.]", name)[-1], name):
         whole = _WHOLE.get(_without_unit(part).strip().lower())
@@ -107,7 +89,7 @@ def kind_of_name(name: str) -> ChannelKind | None:
             if any(word.startswith(beginnings) for word in words):
                 return kind
         if _is_current(part):
-            return ChannelKind.CURRENT
+            return Quantity.CURRENT
     return None
 
 
@@ -115,15 +97,12 @@ def _is_current(name: str) -> bool:
     return any(word.startswith(_CURRENT) for word in _words(_without_unit(name)))
 
 
-def kind_of_unit(unit: str | None) -> ChannelKind | None:
+def kind_of_unit(unit: str | None) -> Quantity | None:
     """Return what a unit belongs to; a voltage is taken for nothing."""
-    if canonical_unit(unit) in _FREQUENCY_UNITS:
-        return ChannelKind.FREQUENCY
-    quantity = quantity_of_unit(unit)
-    return None if quantity is None else ChannelKind(str(quantity))
+    return Quantity.FREQUENCY if canonical_unit(unit) == "rad/s" else quantity_of_unit(unit)
 
 
-def kind_in_unit(kind: ChannelKind | None, unit: str | None) -> ChannelKind | None:
+def kind_in_unit(kind: Quantity | None, unit: str | None) -> Quantity | None:
     """Return what a name says, and its unit more closely: a position in degrees is an angle."""
     by_unit = kind_of_unit(unit)
     return by_unit if (kind, by_unit) in _SAID_BY_UNIT else kind
@@ -157,7 +136,7 @@ def _unit_at_end(name: str) -> str | None:
     says = kind_of_name(name[: ending.start()])
     unit = _spelt(ending[1], says)
     if unit is None or unit in _WORDS:
-        return unit if says is ChannelKind.POSITION and unit in ("in", "rev", "count") else None
+        return unit if says is Quantity.POSITION and unit in ("in", "rev", "count") else None
     if is_raw(unit):
         letter_is_unit = unit == "A" and _is_current(name[: ending.start()])  # "current_a", but not "torque_a"
         is_said = letter_is_unit or (says is not None and len(ending[1]) > 1)
@@ -166,10 +145,10 @@ def _unit_at_end(name: str) -> str | None:
     return unit if (says is None and len(ending[1]) > 1) or fits else None
 
 
-def _spelt(text: str, says: ChannelKind | None) -> str | None:
+def _spelt(text: str, says: Quantity | None) -> str | None:
     """Return a unit as names spell it, in any letters: "nm" are newton metres of a torque."""
     small = text.lower()
-    if small == "nm" and says in (ChannelKind.TORQUE, None):
+    if small == "nm" and says in (Quantity.TORQUE, None):
         return "N.m" if says or text != "nm" else "nm"
     return canonical_unit(text) or canonical_unit(_IN_NAMES.get(small, small))
 
@@ -203,20 +182,20 @@ def names_other_unit(name: str) -> bool:
     return _IN_BRACKETS.search(name) is not None and unit_in_name(name) is None
 
 
-def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
+def kind_of(name: str, unit: str | None, samples: SampleArray) -> Quantity | None:
     """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
     stated = unit or unit_in_name(name)
     by_name, by_unit = kind_in_unit(kind_of_name(name), stated), kind_of_unit(stated)
-    if by_name is ChannelKind.ACCELERATION and by_unit in STANDING:
+    if by_name is Quantity.ACCELERATION and by_unit in STANDING:
         by_name = by_unit  # what is in degrees or millimetres is none, whatever it is called
     for kind in (by_name, by_unit):
-        if kind is ChannelKind.FREQUENCY and (_says_other(name) or not _rises(samples)):
+        if kind is Quantity.FREQUENCY and (_says_other(name) or not _rises(samples)):
             if canonical_unit(stated) == "rad/s":
-                return ChannelKind.SPEED
+                return Quantity.SPEED
             continue  # that of a drive, which goes up and down; lines of a spectrum rise
         if kind is not None:
             return kind
-    return ChannelKind.TIME if unit is None and rises_evenly(samples) else None
+    return Quantity.TIME if unit is None and rises_evenly(samples) else None
 
 
 def _rises(samples: SampleArray) -> bool:
@@ -260,12 +239,12 @@ def rises_evenly(samples: SampleArray) -> bool:
     return middle > 0.0 and bool(steps.min() > 0.0) and bool(np.mean(np.abs(steps - middle) < 0.5 * middle) > 0.9)
 
 
-def units_of(kind: ChannelKind) -> tuple[str, ...]:
+def units_of(kind: Quantity) -> tuple[str, ...]:
     """Return the units that a channel of a kind may have, raw ones last."""
-    if kind is ChannelKind.FREQUENCY:
+    if kind is Quantity.FREQUENCY:
         return ("Hz",)
-    raw = () if kind is ChannelKind.TIME else tuple(RAW_UNITS)
-    return tuple(dict.fromkeys((*FACTOR_TO_SI[Quantity(str(kind))], *raw)))
+    raw = () if kind is Quantity.TIME else tuple(RAW_UNITS)
+    return tuple(dict.fromkeys((*FACTOR_TO_SI[kind], *raw)))
 
 
 def _without_unit(name: str) -> str:

@@ -17,7 +17,6 @@ from monitor_core.recordings.raw.binary import xlsx
 from monitor_core.recordings.raw.channel_kind import (
     DRIVES,
     STANDING,
-    ChannelKind,
     kind_in_unit,
     kind_of,
     kind_of_name,
@@ -67,7 +66,7 @@ class ChannelSummary:
     sample_rate: float | None = None  # [Hz]; None where the file does not say it
     started_at: datetime | None = None
     clock: str | None = None  # channel of its sampling times
-    kind: ChannelKind | None = None  # what it looks like: to be confirmed
+    kind: Quantity | None = None  # what it looks like: to be confirmed
     first_values: tuple[float, ...] = ()
     minimum: float | None = None  # of the finite values; None if none is
     maximum: float | None = None
@@ -166,7 +165,7 @@ def _summary(channel: Channel, figures: SampleFigures) -> ChannelSummary:
     judged = _judged(summary, figures, channel.gaps)
     if len(channel.shape) != 1:
         return judged
-    is_clock = summary.kind is ChannelKind.TIME and figures.size > 1
+    is_clock = summary.kind is Quantity.TIME and figures.size > 1
     said = _said_of_clock(channel, figures.clock) if is_clock else _breaks(channel.time)
     return replace(judged, remarks=(*judged.remarks, *said))
 
@@ -204,9 +203,9 @@ def said_of_times(
     return (found.unevenness,) if found.unevenness else (*said, *_breaks(found, unit))
 
 
-def is_of_time(kind: ChannelKind | None) -> bool:
+def is_of_time(kind: Quantity | None) -> bool:
     """Tell whether values rise by their nature, so that none of them is stuck or clipped."""
-    return kind in (ChannelKind.TIME, ChannelKind.FREQUENCY)
+    return kind in (Quantity.TIME, Quantity.FREQUENCY)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -297,7 +296,7 @@ def _doubts(summary: ChannelSummary, finite: SampleArray) -> list[str]:
         what = f"named like {_with_article(by_name)}, but its numbers are in {unit}"
         doubts.append(f"{what}, a raw unit: the map needs its sensitivity" if is_raw(unit) else what)
     kind = by_name or by_unit
-    if kind is ChannelKind.TIME:
+    if kind is Quantity.TIME:
         doubts += _doubts_of_times(unit, finite)
     elif finite.size and kind is not None and unit is not None:
         doubts += _doubts_of_size(kind, unit, finite)
@@ -334,21 +333,21 @@ def days_of(step: float | None, times: SampleArray) -> str | None:
     return None
 
 
-def _doubts_of_size(kind: ChannelKind, unit: str, finite: SampleArray) -> list[str]:
+def _doubts_of_size(kind: Quantity, unit: str, finite: SampleArray) -> list[str]:
     mean = abs(float(finite.mean(dtype=np.float64)))
-    if kind is ChannelKind.ACCELERATION:
+    if kind is Quantity.ACCELERATION:
         for other, gravity in (("m/s2", _GRAVITY), ("g", 1.0)):
             if unit in ("m/s2", "g") and unit != other and abs(mean - gravity) < 0.02 * gravity:
                 return [f"its mean of {mean:.3g} {unit} is that of gravity in {other}"]
-    if kind is ChannelKind.POSITION and unit in FACTOR_TO_SI[Quantity.POSITION]:
+    if kind is Quantity.POSITION and unit in FACTOR_TO_SI[Quantity.POSITION]:
         travel = float(np.ptp(finite)) * FACTOR_TO_SI[Quantity.POSITION][unit]
         if travel > _LONGEST_AXIS:
             return [f"a travel of {travel:g} m is longer than an axis: are these numbers in another unit than {unit}?"]
     return []
 
 
-def _with_article(kind: ChannelKind) -> str:
-    return f"{'an' if kind is ChannelKind.ACCELERATION else 'a'} {str(kind).replace('-', ' ')}"
+def _with_article(kind: Quantity) -> str:
+    return f"{'an' if kind is Quantity.ACCELERATION else 'a'} {str(kind).replace('-', ' ')}"
 
 
 def layout_remark(layout: TextLayout) -> str:

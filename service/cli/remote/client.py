@@ -1,6 +1,8 @@
 """Call the service's own API over HTTP, for ``preload replay`` and ``preload demo``."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self, TypeVar, cast
 
@@ -78,6 +80,11 @@ class Client:
         """Set a resource."""
         return self._ask("PUT", path, json=body)
 
+    def wait(self, job: JsonObject, progress: Callable[[preload_client.Job], object]) -> preload_client.Job:
+        """Wait until a job is done; ``progress`` is told how it stands."""
+        with _in_a_sentence():
+            return self._service.wait(cast(preload_client.Job, job), progress, most_s=math.inf)
+
     def register_if_new(self, axis: str) -> bool:
         """Register an axis with default settings unless it is there; tell whether it was new."""
         if any(known.id == axis for known in self.get("/v1/axes", _KnownAxes, archived="true").axes):
@@ -93,10 +100,16 @@ class Client:
         return PostedMeasurement.model_validate(answer)
 
     def _ask(self, method: str, path: str, **arguments: Any) -> JsonObject:  # noqa: ANN401 - httpx's own
-        try:
+        with _in_a_sentence():
             return cast(JsonObject, self._service.request(method, path, **arguments))
-        except preload_client.PreloadError as error:
-            raise click.ClickException(str(error)) from error
+
+
+@contextmanager
+def _in_a_sentence() -> Iterator[None]:
+    try:
+        yield
+    except preload_client.PreloadError as error:
+        raise click.ClickException(str(error)) from error
 
 
 def window_document(window: Window) -> JsonObject:

@@ -14,6 +14,7 @@ from monitor_core.pipeline import check_window
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
 from service.clock import now, text_of
+from service.documents.history import Comparison, HistoryColumn
 from service.documents.measurement import interval_of, measurement_document, response_document
 from service.errors import WaveformDamagedError
 from service.json_types import JsonObject
@@ -50,23 +51,9 @@ from service.store.waveforms import WaveformStore
 MOST_NAMED = 50
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """What a history says under one calibration."""
-
-    calibration: int | None
-    state: str  # of the axis after the last measurement
-    n_measurements: int
-    n_refused: int
-    states: dict[str, int]  # after how many measurements the axis stood so
-    n_alarms: int
-    first_alarm_at: datetime | None
-    alarms_at: tuple[datetime, ...]  # when the measurements were made that raised them
-    median_preload_n: float | None
-    median_interval_95_n: tuple[float | None, float | None]  # of the lower and of the upper ends; None: mostly open
-
-
-def column_of(connection: Connection, axis: AxisRecord, span: Span, points: Sequence[TrendPoint], state: str) -> Column:
+def column_of(
+    connection: Connection, axis: AxisRecord, span: Span, points: Sequence[TrendPoint], state: str
+) -> HistoryColumn:
     """Return what the points of a span say, with the alarms that were raised in it."""
     raised = _raised(connection, axis.id, span)
     judged = [
@@ -75,7 +62,7 @@ def column_of(connection: Connection, axis: AxisRecord, span: Span, points: Sequ
         if point.preload_n is not None and point.set_preload_n is None and point.uncharted != Uncharted.WAVEFORM_GONE
     ]
     intervals = [interval_of(point) for point in judged]
-    return Column(
+    return HistoryColumn(
         calibration=axis.active_calibration_id,
         state=state,
         n_measurements=len(points),
@@ -95,11 +82,7 @@ def column_of(connection: Connection, axis: AxisRecord, span: Span, points: Sequ
 def _raised(connection: Connection, axis_id: str, span: Span) -> list[datetime]:
     with Session(connection) as session:
         rows = alarms.raised_after(session, axis_id, 0, None)
-    return [
-        row.measured_at
-        for row in rows
-        if (span.start is None or row.measured_at >= span.start) and (span.end is None or row.measured_at < span.end)
-    ]
+    return [row.measured_at for row in rows if span.holds(row.measured_at)]
 
 
 def _median(values: Sequence[float | None]) -> float | None:
@@ -198,20 +181,6 @@ def _changed(stored: Sequence[StoredWindow], refusals: dict[datetime, Rejection 
         if (reason, detail) != (window.refusal_reason, window.refusal_detail):
             changed[text_of(window.started_at)] = [window.refusal_reason, reason, detail]
     return changed
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """How an axis stood and stands, or would stand, side by side."""
-
-    dry_run: bool
-    same_alarms: bool
-    waveforms_gone: int  # measurements that stand as they were judged before
-    old: Column
-    new: Column
-
-
-COMPARISON = TypeAdapter(Comparison)
 
 
 def swap(connection: Connection, anew: Anew, axis: AxisRecord, span: Span, reason: str, *, dry_run: bool) -> Comparison:

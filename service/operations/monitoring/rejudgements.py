@@ -12,12 +12,13 @@ from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from monitor_core.recordings.calibration_file import calibration_from_document
+from service.documents.history import COMPARISON, Comparison
 from service.errors import BusyError, InvalidRequestError
 from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.fields import Moment, RequestModel, Text
 from service.operations.monitoring.axis_configuration import load_configuration
-from service.operations.monitoring.rejudged_history import COMPARISON, Anew, Comparison, judged_anew, swap
+from service.operations.monitoring.rejudged_history import Anew, judged_anew, swap
 from service.store import calibrations, intake, rejudged
 from service.store.axes import get_axis
 from service.store.database import Database, reading, trying, writing

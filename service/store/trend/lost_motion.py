@@ -61,11 +61,8 @@ def readings_of(
     limit: int | None = None,
 ) -> list[LostMotionReading]:  # fmt: skip
     """Return readings of a span in time order, at most so many, those after a moment."""
-    query = select(*_COLUMNS).where(READINGS.c.axis_number == axis_number).order_by(READINGS.c.at)
-    if span.start is not None:
-        query = query.where(READINGS.c.at >= span.start)
-    if span.end is not None:
-        query = query.where(READINGS.c.at < span.end)
+    of_axis = (READINGS.c.axis_number == axis_number, *span.bounds(READINGS.c.at))
+    query = select(*_COLUMNS).where(*of_axis).order_by(READINGS.c.at)
     if after is not None:
         query = query.where(READINGS.c.at > after)
     return [LostMotionReading(*row) for row in connection.execute(query if limit is None else query.limit(limit))]

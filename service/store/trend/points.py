@@ -10,6 +10,7 @@ from sqlalchemy import (
     ColumnElement,
     Connection,
     Select,
+    SQLColumnExpression,
     String,
     and_,
     bindparam,
@@ -84,6 +85,15 @@ class Span:
     start: datetime | None = None
     end: datetime | None = None
 
+    def holds(self, moment: datetime) -> bool:
+        """Return whether a moment lies within."""
+        return (self.start is None or moment >= self.start) and (self.end is None or moment < self.end)
+
+    def bounds(self, moment: SQLColumnExpression[datetime]) -> list[ColumnElement[bool]]:
+        """Return the conditions of a query that :meth:`holds`."""
+        after = [] if self.start is None else [moment >= self.start]
+        return after if self.end is None else [*after, moment < self.end]
+
 
 MOST_SEARCHED = 200
 #: Where a page of the trend begins: after this moment and measurement.
@@ -135,7 +145,7 @@ def say_places(connection: Connection, axis_number: int, epoch: int, span: Span,
         update(POINTS)
         .where(
             POINTS.c.axis_number == axis_number,
-            *_within(span),
+            *span.bounds(POINTS.c.at),
             POINTS.c.epoch == epoch,
             POINTS.c.refusal_reason.is_(None),
             POINTS.c.uncharted.is_(None),
@@ -189,7 +199,7 @@ def newest_point(connection: Connection, axis_number: int) -> TrendPoint | None:
 
 def points_within(connection: Connection, axis_number: int, span: Span) -> list[TrendPoint]:
     """Return all points of a span, in time order."""
-    query = select(*_COLUMNS).where(POINTS.c.axis_number == axis_number, *_within(span))
+    query = select(*_COLUMNS).where(POINTS.c.axis_number == axis_number, *span.bounds(POINTS.c.at))
     return [TrendPoint(*row) for row in connection.execute(query.order_by(POINTS.c.at, POINTS.c.measurement_id))]
 
 
@@ -266,12 +276,3 @@ def quality_of_newest(connection: Connection, axis_number: int, most: int) -> Qu
     """Tell how good so many of the newest measurements are; None if nothing was measured yet."""
     quality = Quality._make(*stored_rows(connection, _COUNTS, {"axis": axis_number, "most": most}))
     return quality if quality.n else None
-
-
-def _within(span: Span) -> list[ColumnElement[bool]]:
-    conditions: list[ColumnElement[bool]] = []
-    if span.start is not None:
-        conditions.append(POINTS.c.at >= span.start)
-    if span.end is not None:
-        conditions.append(POINTS.c.at < span.end)
-    return conditions

@@ -28,9 +28,8 @@ from monitor_core.recordings.elements.bounds import (
 from monitor_core.recordings.elements.fields import parse_instant
 from monitor_core.recordings.elements.files import refusing
 from monitor_core.recordings.elements.hdf5 import open_hdf5, require_readable
-from monitor_core.recordings.elements.units import factor_to
+from monitor_core.recordings.elements.units import Quantity, factor_to
 from monitor_core.recordings.raw.channel_kind import (
-    ChannelKind,
     kind_of_name,
     kind_of_unit,
     rate_of_number,
@@ -222,7 +221,7 @@ def _unit_of(signal: _Signal) -> tuple[str | None, datetime | None]:
 
 def _is_of_times(signal: _Signal) -> bool:
     unit, _ = _unit_of(signal)
-    return ChannelKind.TIME in (kind_of_unit(unit), kind_of_name(signal.name))
+    return Quantity.TIME in (kind_of_unit(unit), kind_of_name(signal.name))
 
 
 def _zero_of_times(file: "h5py.File", signal: _Signal, where: str) -> datetime | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from monitor_core.recordings.elements.units import Quantity, canonical_unit, is_raw, quantity_of_unit
-from monitor_core.recordings.raw.channel_kind import ChannelKind, units_of
+from monitor_core.recordings.raw.channel_kind import units_of
 from monitor_core.recordings.raw.proposal.parts import Part
 
 #: Usual sensitivities: how their unit is written, by what is measured and the raw unit.
@@ -142,19 +142,18 @@ def number(name: str, value: str, remark: str, mark: Mark = Mark.CONFIRM) -> Map
 
 def channel_entries(part: Part | None, quantity: Quantity | None, parts: Sequence[Part]) -> Iterator[MapEntry]:
     """Yield the entries of a channel: its name, its unit, and how a raw unit becomes the quantity."""
-    kind = None if quantity is None else ChannelKind(str(quantity))
     if part is None:
         yield missing("channel", f"one of {', '.join(printed(other.channel.name) for other in parts[:6])}")
-        yield missing("unit", choice_of_units(kind))
+        yield missing("unit", choice_of_units(quantity))
         return
     others = [other for other in parts if other.kind is part.kind and other is not part and part.kind is not None]
     also = f"; also {', '.join(printed(other.channel.name) for other in others[:4])}" if others else ""
     looks = f"{part.kind}-like" if part.kind is not None else "by its place in the file, no name or unit says it"
     yield from place_entries(part, f"{looks}{also}")
-    unit = part.unit if kind is None or part.unit in units_of(kind) else None
+    unit = part.unit if quantity is None or part.unit in units_of(quantity) else None
     if unit is None:
         got = f" (the file says {plain(part.channel.unit)})" if part.channel.unit else ""
-        yield missing("unit", f"{choice_of_units(kind)}{got}")
+        yield missing("unit", f"{choice_of_units(quantity)}{got}")
         return
     if canonical_unit(part.channel.unit) is not None:
         yield MapEntry("unit", unit, "as the file says", Mark.STATED)
@@ -177,8 +176,8 @@ def place_entries(part: Part, remark: str) -> Iterator[MapEntry]:
         yield number(part.entry, str(part.number), f"{part.entry} of the array, counted from 1")
 
 
-def choice_of_units(kind: ChannelKind | None) -> str:
-    """Return the units that a channel of a kind may be in, as words to choose from."""
-    if kind is None:
+def choice_of_units(quantity: Quantity | None) -> str:
+    """Return the units that a channel of a quantity may be in, as words to choose from."""
+    if quantity is None:
         return "what its numbers are in, such as N.m, N, V or A"
-    return " | ".join(printed(unit) for unit in units_of(kind))
+    return " | ".join(printed(unit) for unit in units_of(quantity))

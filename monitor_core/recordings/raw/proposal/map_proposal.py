@@ -10,7 +10,7 @@ from datetime import datetime
 from monitor_core.recording import ExcitationQuantity, ResponseQuantity
 from monitor_core.recordings.elements.files import stem_of
 from monitor_core.recordings.elements.units import Quantity, canonical_unit, quantity_of_unit
-from monitor_core.recordings.raw.channel_kind import DRIVES, ChannelKind
+from monitor_core.recordings.raw.channel_kind import DRIVES
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.mapping.map_records import RESPONSE_QUANTITIES, TRAVEL_OF
 from monitor_core.recordings.raw.proposal.entries import (
@@ -110,12 +110,12 @@ def _session_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Ch
     shapes = {part.shape for part in signals.known}
     alike = [part for part in parts if part.shape in shapes or not shapes]
     travels = signals.answers is ResponseQuantity.DISPLACEMENT
-    places = () if travels else (ChannelKind.POSITION, ChannelKind.ANGLE)
+    places = () if travels else (Quantity.POSITION, Quantity.ANGLE)
     position = first_like(alike, places, signals.known)
     lengths = {max(shape) for shape in shapes}
     fitting = [part for part in parts if part.size in lengths or not lengths]
     taken = (*signals.known, position)
-    times: Part | TextTimes | None = first_like(fitting, (ChannelKind.TIME,), taken) or texts
+    times: Part | TextTimes | None = first_like(fitting, (Quantity.TIME,), taken) or texts
     yield MapTable("excitation", tuple(_excitation_lines(signals, parts)))
     what = "the acceleration of nut or table" if signals.answers is ResponseQuantity.ACCELERATION else ""
     yield MapTable("response", tuple(_response_lines(signals, parts)), what, plain(what_they_show(signals)))
@@ -235,9 +235,9 @@ def _window_lines(
 
 def _motion_tables(parts: Sequence[Part], texts: TextTimes | None, channels: Channels) -> Iterator[MapTable]:
     drive = first_like(parts, DRIVES)
-    position = first_like(parts, (ChannelKind.POSITION,), (drive,))
-    others = [part for part in parts if part.kind is ChannelKind.POSITION and part is not position]
-    times = first_like(parts, (ChannelKind.TIME,)) or texts
+    position = first_like(parts, (Quantity.POSITION,), (drive,))
+    others = [part for part in parts if part.kind is Quantity.POSITION and part is not position]
+    times = first_like(parts, (Quantity.TIME,)) or texts
     signals = [part for part in (drive, position) if part is not None]
     has_rate = times is not None or any(part.channel.time.rates for part in signals)
     rate = () if has_rate else (rate_entry(rate_of_numbers(channels)),)
@@ -281,7 +281,7 @@ def _response_table(channels: Channels) -> MapTable:
 
 
 def _columns_of_response(parts: Sequence[Part]) -> Iterator[MapTable]:
-    lines = next(part for part in parts if part.kind is ChannelKind.FREQUENCY)
+    lines = next(part for part in parts if part.kind is Quantity.FREQUENCY)
     rest = [part for part in parts if part is not lines]
     unit = MapEntry("unit", lines.unit or "Hz", "unit of the lines: Hz | kHz | rad/s")
     frequency = MapEntry("channel", lines.channel.name, "frequency-like"), unit

@@ -8,9 +8,8 @@ from enum import StrEnum
 import numpy as np
 
 from monitor_core.arrays import SampleArray
-from monitor_core.recordings.elements.units import canonical_unit
+from monitor_core.recordings.elements.units import Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import (
-    ChannelKind,
     is_of_other_quantity,
     is_planned,
     kind_of,
@@ -26,7 +25,7 @@ class Part:
     channel: Channel
     shape: tuple[int, ...]
     head: SampleArray  # its first samples
-    kind: ChannelKind | None
+    kind: Quantity | None
     entry: str | None = None  # "row" or "column", where it is one of an array
     number: int = 0  # counted from 1
 
@@ -67,7 +66,7 @@ def made_of(channels: Channels) -> Made:
 def holds_spectra_alone(channels: Channels) -> bool:
     """Tell whether lines of a frequency are those of power spectra, as Klipper makes them, and of no response."""
     parts = parts_of(channels)
-    names = [part.channel.name.lower() for part in parts if part.kind is not ChannelKind.FREQUENCY]
+    names = [part.channel.name.lower() for part in parts if part.kind is not Quantity.FREQUENCY]
     is_of_lines = len(names) < len(parts) and not channels.responses
     return (
         is_of_lines
@@ -79,7 +78,7 @@ def holds_spectra_alone(channels: Channels) -> bool:
 def made_of_parts(channels: Channels, parts: Sequence[Part]) -> Made:
     """Return what parts seem to be, as :func:`made_of`, where they were found before."""
     kinds = {part.kind for part in parts}
-    if channels.responses or ChannelKind.FREQUENCY in kinds:
+    if channels.responses or Quantity.FREQUENCY in kinds:
         return Made.FRF_SET
     return Made.MOTION if _is_motion(parts) else Made.SESSION
 
@@ -87,8 +86,8 @@ def made_of_parts(channels: Channels, parts: Sequence[Part]) -> Made:
 def _is_motion(parts: Sequence[Part]) -> bool:
     """Tell whether a force moves something: a motor's own signals are those of a drive with a screw."""
     kinds = {part.kind for part in parts if not is_of_other_quantity(part.channel.name, part.channel.unit)}
-    of_drive = {ChannelKind.ACCELERATION, ChannelKind.TORQUE, ChannelKind.CURRENT, ChannelKind.ANGLE, None}
-    return {ChannelKind.FORCE, ChannelKind.POSITION} <= kinds and kinds.isdisjoint(of_drive)
+    of_drive = {Quantity.ACCELERATION, Quantity.TORQUE, Quantity.CURRENT, Quantity.ANGLE, None}
+    return {Quantity.FORCE, Quantity.POSITION} <= kinds and kinds.isdisjoint(of_drive)
 
 
 def parts_of(channels: Channels) -> list[Part]:
@@ -107,7 +106,7 @@ def parts_of(channels: Channels) -> list[Part]:
     return parts
 
 
-def first_like(parts: Sequence[Part], kinds: Sequence[ChannelKind], taken: Sequence[Part | None] = ()) -> Part | None:
+def first_like(parts: Sequence[Part], kinds: Sequence[Quantity], taken: Sequence[Part | None] = ()) -> Part | None:
     """Return the first channel that looks so, one that was measured before one that was planned."""
     fitting = [part for kind in kinds for part in parts if part.kind is kind and part not in taken]
     return min(fitting, key=lambda part: is_planned(part.channel.name), default=None)

@@ -11,7 +11,7 @@ import scipy
 from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
-from monitor_core.recordings.raw.channel_kind import ChannelKind, names_other_unit
+from monitor_core.recordings.raw.channel_kind import names_other_unit
 from monitor_core.recordings.raw.channel_time import GAP, numbers_samples, printed_digit, time_of_samples
 from monitor_core.recordings.raw.channels import HEAD, Channels
 from monitor_core.recordings.raw.inspection import days_of, said_of_times, step_of
@@ -85,7 +85,7 @@ def _time_entries(times: Part) -> Iterator[MapEntry]:
     elif numbers_samples(times.head) and not names_other_unit(times.channel.name):
         yield missing("sample_rate_hz", "of the samples that it numbers; or unit, if these are times")
     else:
-        yield missing("unit", choice_of_units(ChannelKind.TIME))
+        yield missing("unit", choice_of_units(Quantity.TIME))
 
 
 def _text_time_entries(times: TextTimes) -> Iterator[MapEntry]:

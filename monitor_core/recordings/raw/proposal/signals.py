@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 from monitor_core.recording import ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.recordings.elements.units import Quantity, quantity_of_unit
-from monitor_core.recordings.raw.channel_kind import DRIVES, ChannelKind, is_error, is_of_motor, is_planned
+from monitor_core.recordings.raw.channel_kind import DRIVES, is_error, is_of_motor, is_planned
 from monitor_core.recordings.raw.proposal.parts import Part, first_like
 
 _WORDS_OF_SENSOR = ("sensor", "cell", "hammer", "transduc", "screw", "shaft", "load")
 #: What a channel may be as a response, the best first; a position, or a velocity, is that of table or of motor.
 _ANSWERS = (
-    (ChannelKind.ACCELERATION, ResponseQuantity.ACCELERATION, ResponseQuantity.ACCELERATION),
-    (ChannelKind.POSITION, ResponseQuantity.DISPLACEMENT, ResponseQuantity.MOTOR_ANGLE),
-    (ChannelKind.VELOCITY, ResponseQuantity.VELOCITY, ResponseQuantity.MOTOR_SPEED),
-    (ChannelKind.ANGLE, ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_ANGLE),
-    (ChannelKind.SPEED, ResponseQuantity.MOTOR_SPEED, ResponseQuantity.MOTOR_SPEED),
+    (Quantity.ACCELERATION, ResponseQuantity.ACCELERATION, ResponseQuantity.ACCELERATION),
+    (Quantity.POSITION, ResponseQuantity.DISPLACEMENT, ResponseQuantity.MOTOR_ANGLE),
+    (Quantity.VELOCITY, ResponseQuantity.VELOCITY, ResponseQuantity.MOTOR_SPEED),
+    (Quantity.ANGLE, ResponseQuantity.MOTOR_ANGLE, ResponseQuantity.MOTOR_ANGLE),
+    (Quantity.SPEED, ResponseQuantity.MOTOR_SPEED, ResponseQuantity.MOTOR_SPEED),
 )
 _MOTOR_OF = re.compile(r"mot|rotor|_m\b", re.IGNORECASE)
 #: What a reference may be, the best first: a speed is often asked for by the controller of the position.
-_REFERENCES: tuple[ChannelKind | None, ...] = (
-    ChannelKind.ACCELERATION, ChannelKind.POSITION, ChannelKind.ANGLE, ChannelKind.VELOCITY, ChannelKind.SPEED,
+_REFERENCES: tuple[Quantity | None, ...] = (
+    Quantity.ACCELERATION, Quantity.POSITION, Quantity.ANGLE, Quantity.VELOCITY, Quantity.SPEED,
 )  # fmt: skip
 _PREFERRED = tuple(ResponseQuantity)
 _NAMED = {
@@ -86,7 +86,7 @@ def _reference(parts: Sequence[Part], longest: int) -> Part | None:
 
 def caution_of(reference: Part) -> str:
     """Say when a set-point is no reference: that of a speed is often made by the controller of the position."""
-    of_speed = reference.kind in (ChannelKind.VELOCITY, ChannelKind.SPEED)
+    of_speed = reference.kind in (Quantity.VELOCITY, Quantity.SPEED)
     return ", unless a position controller makes this speed" if of_speed else ""
 
 
@@ -129,7 +129,7 @@ def _responses(parts: Sequence[Part]) -> Iterator[tuple[ResponseQuantity, Part]]
 
 
 def _commanded_acceleration(parts: Sequence[Part]) -> Part | None:
-    accelerations = [part for part in parts if part.kind is ChannelKind.ACCELERATION]
+    accelerations = [part for part in parts if part.kind is Quantity.ACCELERATION]
     return next((part for part in accelerations if is_planned(part.channel.name)), None)
 
 
