@@ -6,6 +6,7 @@ import pytest
 
 from monitor_core.recordings.check import check_file
 from monitor_core.recordings.raw.proposal.file_facts import file_facts
+from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 
 
 @pytest.mark.parametrize(
@@ -28,7 +29,7 @@ from monitor_core.recordings.raw.proposal.file_facts import file_facts
 def test_a_name_says_it(
     name: str, preload: float | None, payload: float | None, position: float | None, began: str | None
 ) -> None:
-    facts = file_facts(name, None)
+    facts = file_facts(name)
     assert (facts.preload_n, facts.payload_kg, facts.position_mm) == (preload, payload, position)
     assert facts.started_at == began
 
@@ -60,6 +61,6 @@ def test_a_start_is_proposed_from_the_name_only_where_the_map_asks_for_one(
     path.write_text("\n".join([f"{first},Torque [Nm],Acc [m/s2]", *rows]) + "\n")
     read = check_file(path).read
     assert read is not None
-    facts = file_facts(path.name, read.channels)
+    facts = file_facts(path.name, read.channels, proposed_map(read.channels, read.layout))
     assert facts.states_start == states_start
     assert facts.started_at == (None if states_start else "2026-03-01T06:30")

@@ -38,6 +38,7 @@ from service.store.trend.lost_motion import (
     all_charts,
     moments_in_order,
     newest_reading,
+    newest_readings,
     read_chart,
     readings_at,
     readings_of,
@@ -154,19 +155,19 @@ class LostMotion:
         """Return how the lost motion of an axis stands now."""
         with self._database.read() as session:
             row, connection = get_axis(session, axis_id), session.connection()
-            chart, newest = read_chart(connection, row.number), newest_reading(connection, row.number)
+            chart, newest = read_chart(connection, row.number), newest_readings(connection, row.number).get(row.number)
             beginnings = _Beginnings.of(connection, row)
-        settings = load_design(row.detector_design).settings
-        silent_after = _silent_after(load_configuration(row.configuration).silent_after_hours)
+        settings, configured = load_design(row.detector_design).settings, load_configuration(row.configuration)
+        shown = lost_motion_now(newest, max(beginnings.renewals, default=None), configured.silent_after_hours)
         detector = DetectorState()
         if chart is not None and newest is not None:
-            detector, _ = beginnings.begun(load_state(chart.state).detector, newest.at, None)
-        state, baseline = state_at(detector, now(), silent_after), detector.baseline
+            detector, _ = beginnings.begun(load_state(chart.state).detector, newest[0].at, None)
+        state, baseline = str(TrendStatus.UNKNOWN) if shown is None else shown.state, detector.baseline
         interval = None if baseline is None else baseline.prediction_interval()
         return LostMotionStanding(
-            state=str(state),
-            since=detector.since if state is detector.status else detector.last_at,
-            newest=newest,
+            state=state,
+            since=detector.since if state == detector.status else detector.last_at,
+            newest=None if newest is None else newest[0],
             baseline_um=None if baseline is None else baseline.mean,
             baseline_interval_95_um=None if interval is None else (interval.lower, interval.upper),
             n_sessions=len(detector.learning) + (detector.session is not None) if baseline is None else baseline.size,
@@ -178,24 +179,20 @@ class LostMotion:
         )
 
 
-def _silent_after(hours: float) -> timedelta:
-    return max(timedelta(hours=hours), SILENT_AFTER)
-
-
 def lost_motion_now(
     newest: tuple[LostMotionReading, datetime | None] | None, renewed_at: datetime | None, silent_after_hours: float
 ) -> LostMotionNow | None:
     """Return the newest lost motion of an axis with the state that its chart has now, without reading the chart.
 
     ``newest``: the last reading, and when the last was taken that moved the chart. ``renewed_at``: when the axis got
-    its newest nut or screw. The state is that of :meth:`LostMotion.standing`. None: it was never measured.
+    its newest nut or screw. None: it was never measured.
     """
     if newest is None:
         return None
     reading, charted_at = newest
     begins_anew = reading.found_in_order or (renewed_at is not None and reading.at < renewed_at <= now())
     state = TrendStatus.UNKNOWN if begins_anew else TrendStatus(reading.state)
-    silent_after = _silent_after(silent_after_hours)
+    silent_after = max(timedelta(hours=silent_after_hours), SILENT_AFTER)
     state = state_at(DetectorState(status=state, last_at=charted_at), now(), silent_after)
     ends = charted_at is not None and state not in (TrendStatus.UNKNOWN, TrendStatus.ALARM)
     return LostMotionNow(

@@ -7,6 +7,7 @@ from typing import Final
 
 from monitor_core.errors import MissingReaderError
 from monitor_core.recordings.check import FileReport, check_file
+from monitor_core.recordings.raw.proposal.entries import MapProposal
 from monitor_core.recordings.raw.proposal.file_facts import file_facts
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.raw.proposal.parts import Made, made_of
@@ -23,8 +24,9 @@ _MOST_READ: Final = 40
 def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], None]) -> JsonObject:
     """Return what is in the files, what is missing, and the map that is proposed for the channels of raw ones."""
     first: FileReport | None = None
+    proposal: MapProposal | None = None  # for the first
     problems: list[str] = []
-    facts = [file_facts(path.name, None) for path in paths]
+    facts = [file_facts(path.name) for path in paths]
     read = paths[:_MOST_READ]
     for done, path in enumerate(read):
         report(Progress(done, len(read)))
@@ -33,7 +35,11 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
         except MissingReaderError as error:
             return unreadable(path.name, str(error))
         problems += file_report.problems
-        facts[done] = file_facts(path.name, None if file_report.read is None else file_report.read.channels)
+        if file_report.read is not None:
+            channels = file_report.read.channels
+            proposed = proposed_map(channels, file_report.read.layout)
+            facts[done] = file_facts(path.name, channels, proposed)
+            proposal = proposed if first is None else proposal
         if first is None:
             first = file_report
         elif file_report.format != first.format:
@@ -48,9 +54,7 @@ def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], No
         problems.append(f"expected one session at once, or raw files with a map; got {len(paths)} files")
     problems += _not_windows(paths[0].name, first)
     needs_map = not problems and bool(first.usable_with_map)
-    proposal = None
-    if needs_map and first.read is not None:
-        proposal = proposed_map(first.read.channels, first.read.layout).for_axis(axis_id)
+    proposal = proposal.for_axis(axis_id) if needs_map and proposal is not None else None
     lacks = first.lacks if first.valid else ""
     files = tuple(facts) if proposal is not None and len(paths) > 1 else ()
     return file_check_document(first, tuple(problems), lacks=lacks, proposal=proposal, files=files)

@@ -76,6 +76,11 @@ class MapProposal:
         """How many entries are to be filled in."""
         return sum(entry.mark is Mark.FILL_IN for table in self.tables for entry in table.entries)
 
+    @property
+    def asks_for_start(self) -> bool:
+        """Whether neither channels nor texts of times say when the file begins."""
+        return any(entry.name == "started_at" for table in self.tables for entry in table.entries)
+
     def for_axis(self, axis_id: str) -> "MapProposal":
         """Return the proposal with a name of the axis that is known, in place of the name of the file."""
         first, *others = self.tables

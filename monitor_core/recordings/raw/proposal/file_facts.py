@@ -7,7 +7,7 @@ from datetime import datetime
 
 from monitor_core.recordings.elements.files import stem_of
 from monitor_core.recordings.raw.channels import Channels
-from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
+from monitor_core.recordings.raw.proposal.entries import MapProposal
 
 _NUMBER = r"(\d+(?:[.,]\d+)?)"
 #: By which words and units names of files, and of single numbers in them, say a condition, in small. A letter alone
@@ -41,10 +41,10 @@ class FileFacts:
     states_start: bool  # the file itself says when it begins
 
 
-def file_facts(name: str, channels: Channels | None) -> FileFacts:
-    """Return what a file seems to be measured under, to be looked through.
+def file_facts(name: str, channels: Channels | None = None, proposal: MapProposal | None = None) -> FileFacts:
+    """Return what a file seems to be measured under, by its name, its channels and the map proposed for them.
 
-    >>> file_facts("2025-03-01T06-30 100N_x250.csv", None)  # doctest: +NORMALIZE_WHITESPACE
+    >>> file_facts("2025-03-01T06-30 100N_x250.csv")  # doctest: +NORMALIZE_WHITESPACE
     FileFacts(name='2025-03-01T06-30 100N_x250.csv', preload_n=100.0, payload_kg=None, position_mm=250.0,
     started_at='2025-03-01T06:30', states_start=False)
     """
@@ -52,13 +52,8 @@ def file_facts(name: str, channels: Channels | None) -> FileFacts:
     rest = _DATED.sub(" ", stem).lower()
     stated = {} if channels is None else dict(_in_file(channels))
     values = {fact: stated.get(fact, _first(pattern, rest)) for fact, pattern in _IN_NAME.items()}
-    states_start = channels is not None and _states_start(channels)
+    states_start = proposal is not None and not proposal.asks_for_start
     return FileFacts(name, **values, started_at=None if states_start else _moment(stem), states_start=states_start)
-
-
-def _states_start(channels: Channels) -> bool:
-    """Return whether the map that is proposed for a file asks for no start: channels or texts of times say it."""
-    return all(entry.name != "started_at" for table in proposed_map(channels).tables for entry in table.entries)
 
 
 def _first(pattern: re.Pattern[str], text: str) -> float | None:
