@@ -16,7 +16,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -40,12 +40,28 @@ from monitor_core.trend import (
     reset,
     step,
 )
-from monitor_core.trend.bootstrap import charted_sessions
+from monitor_core.trend.bootstrap import ChartedSession, healthy_sessions
+from monitor_core.trend.detector import closed_session
 
 START = datetime(2026, 1, 5, 6, tzinfo=UTC)
 DAYS = 365
 YEARS = 3
 YEAR = 365.25
+
+
+def charted_sessions(
+    observations: Sequence[Observation], design: DetectorDesign, start: DetectorState | None = None
+) -> list[ChartedSession]:
+    """Return what the charts make of a healthy history, in the order of its time; what raises an alarm is cleared."""
+    state, closed = start or DetectorState(), []
+    for observation in observations:
+        before, state = state, step(state, observation, design)
+        closed.append(closed_session(before, state))
+        if state.alarm is not None:
+            before, state = state, reset(state)
+            closed.append(closed_session(before, state))
+    closed.append(closed_session(state, DetectorState()))
+    return healthy_sessions(item for item in closed if item is not None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.trend.joint import JOINT_SHARE, SESSIONS_PER_NUMBER
-from monitor_core.trend.joint_filter import evidence_of_histories
+from monitor_core.trend.joint_filter import (
+    begin,
+    correlation_of,
+    design_row,
+    judge,
+    learn,
+    log_evidence,
+    log_sum,
+    none_weighed,
+    thinned,
+    weigh,
+)
 
 Array = npt.NDArray[np.float64]
 _DAYS = 750
@@ -56,6 +67,33 @@ ROWS = {
     "indep": _independent, "ar6": _correlated, "own": _each_its_own, "c8": _common(0.8), "c95": _common(0.95),
     "four": _four,
 }  # fmt: skip
+
+
+def evidence_of_histories(values: Array, n_baseline: int, limit: float, signs: tuple[float, ...] = ()) -> Array:
+    """Return ln R of many axes, (n_axes, n_sessions, p), a session a day, all numbers known; NaN where none is judged.
+
+    The baseline is learnt, its mean and scatter the units. What alarms goes on being learnt: only what comes until
+    then is what :func:`monitor_core.trend.joint.joint_step` says.
+    """
+    n_axes, n_sessions, p = values.shape
+    baseline = values[:, :n_baseline]
+    values = (values - baseline.mean(axis=1)[:, None]) / baseline.std(axis=1, ddof=1)[:, None]
+    signs = signs or (0.0,) * p
+    bank = begin(correlation_of(values[:, :n_baseline]), signs)
+    weighed, known = none_weighed(bank.series.shape[-2], (n_axes,)), np.ones(p, dtype=bool)
+    found = np.full((n_axes, n_sessions), np.nan)
+    for session in range(n_sessions):
+        days = float(session > 0)
+        judged = judge(bank, design_row(session / 365.25), days, values[:, session], known)
+        bank = learn(judged)
+        if session < n_baseline:
+            continue
+        weighed = weigh(weighed, judged, days, signs, limit=limit, learns=True)
+        each = log_sum(log_evidence(weighed, judged, signs))
+        if weighed.age.shape[-1] > 1:
+            found[:, session] = log_sum((each + weighed.merged)[:, :-1])
+        weighed, _ = thinned(weighed, each)
+    return found
 
 
 def main() -> None:

@@ -13,9 +13,7 @@ import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.trend.charts import EVIDENCE_SHARE, DetectorDesign, cusum_step
-from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
-from monitor_core.trend.observation import Observation
-from monitor_core.trend.state import DetectorState
+from monitor_core.trend.detector import ClosedSession
 from monitor_core.uncertainty import Interval, IntervalKind
 
 #: Sessions of a block: what lasts no longer is kept.
@@ -42,21 +40,6 @@ class FoundRate:
     rate: float
     interval: Interval
     n_sessions: int
-
-
-def charted_sessions(
-    observations: Sequence[Observation], design: DetectorDesign, start: DetectorState | None = None
-) -> list[ChartedSession]:
-    """Return what the charts make of a healthy history, in the order of its time; what raises an alarm is cleared."""
-    state, closed = start or DetectorState(), []
-    for observation in observations:
-        before, state = state, step(state, observation, design)
-        closed.append(closed_session(before, state))
-        if state.alarm is not None:
-            before, state = state, reset(state)
-            closed.append(closed_session(before, state))
-    closed.append(closed_session(state, DetectorState()))
-    return healthy_sessions(item for item in closed if item is not None)
 
 
 def healthy_sessions(closed: Iterable[ClosedSession]) -> list[ChartedSession]:

@@ -389,35 +389,6 @@ def thinned(weighed: Weighed, each: FloatArray) -> tuple[Weighed, int | None]:
     return Weighed(*arrays), int(gone[0]) if gone.ndim == 1 else None
 
 
-def evidence_of_histories(
-    values: FloatArray, n_baseline: int, limit: float, signs: tuple[float, ...] = ()
-) -> FloatArray:
-    """Return ln R of many axes, (n_axes, n_sessions, p), a session a day, all numbers known; NaN where none is judged.
-
-    The baseline is learnt, its mean and scatter the units. What alarms goes on being learnt: only what comes until
-    then is what :func:`monitor_core.trend.joint.joint_step` says.
-    """
-    n_axes, n_sessions, p = values.shape
-    baseline = values[:, :n_baseline]
-    values = (values - baseline.mean(axis=1)[:, None]) / baseline.std(axis=1, ddof=1)[:, None]
-    signs = signs or (0.0,) * p
-    bank = begin(correlation_of(values[:, :n_baseline]), signs)
-    weighed, known = none_weighed(bank.series.shape[-2], (n_axes,)), np.ones(p, dtype=bool)
-    found = np.full((n_axes, n_sessions), np.nan)
-    for session in range(n_sessions):
-        days = float(session > 0)
-        judged = judge(bank, design_row(session / 365.25), days, values[:, session], known)
-        bank = learn(judged)
-        if session < n_baseline:
-            continue
-        weighed = weigh(weighed, judged, days, signs, limit=limit, learns=True)
-        each = log_sum(log_evidence(weighed, judged, signs))
-        if weighed.age.shape[-1] > 1:
-            found[:, session] = log_sum((each + weighed.merged)[:, :-1])
-        weighed, _ = thinned(weighed, each)
-    return found
-
-
 def design_row(years: float, change: float = 0.0, warmer: float = 0.0) -> FloatArray:
     """Return the row of a session so long after the first, with change and excess of temperature in their units."""
     angle = 2.0 * np.pi * years

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.false_alarms import ROWS, alarms_of_many, delay_of, observations
+from benchmarks.false_alarms import ROWS, alarms_of_many, charted_sessions, delay_of, observations
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import (
     LEAST_RATE,
@@ -28,7 +28,7 @@ from monitor_core.trend import (
     step,
 )
 from monitor_core.trend.belief import Bank
-from monitor_core.trend.bootstrap import ChartedSession, charted_sessions, found_rate
+from monitor_core.trend.bootstrap import ChartedSession, found_rate
 from monitor_core.trend.charts import (
     ALERT_DURATION,
     EWMA_WEIGHT,

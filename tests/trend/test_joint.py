@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 import scipy
 
+from benchmarks.together import evidence_of_histories
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import DetectorSettings, LossDirection, Observation, design_detector, reset, step
 from monitor_core.trend.joint import (
@@ -25,7 +26,6 @@ from monitor_core.trend.joint import (
 from monitor_core.trend.joint_filter import (
     begin,
     design_row,
-    evidence_of_histories,
     judge,
     learn,
     n_losses,
