@@ -390,7 +390,7 @@ def evidence_document(
 ) -> JsonObject:
     """Lay out what every alarm says of itself: the measurement, how much it is, chart, value, limit and onset."""
     name, value, limit, onset = chart
-    return finite_or_null({
+    document: JsonObject = finite_or_null({
         "at": text_of(raised_by.at),
         "measurement": raised_by.name,
         **dict.fromkeys(("preload_n", "baseline_preload_n", "preload_loss_n")),
@@ -404,6 +404,7 @@ def evidence_document(
         "sentence": sentence,
         "check_next": check_next,
     })  # fmt: skip
+    return document
 
 
 def _evidence_while_learning(
