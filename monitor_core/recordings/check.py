@@ -39,7 +39,7 @@ from monitor_core.recordings.recognition import (
     format_of,
     is_raw,
 )
-from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT, open_session
+from monitor_core.recordings.session_hdf5 import channels_of, open_session
 from monitor_core.recordings.usability import Settings, Use
 
 __all__ = ["FileReport", "check_file", "format_of"]
@@ -176,12 +176,7 @@ def _places(positions_mm: list[float]) -> tuple[float, ...]:
 
 def _channels_of(window: Window) -> Iterator[Channel]:
     time = even_time(window.n_samples, window.sample_rate, 0.0, window.started_at)
-    yield Channel("excitation", window.excitation, EXCITATION_UNIT[window.excitation_quantity], time)
-    yield Channel("response", window.response, RESPONSE_UNIT[window.response_quantity], time)
-    if window.position_trace is not None:
-        yield Channel("position", window.position_trace, "m", time)
-    if window.reference is not None:
-        yield Channel("reference", window.reference, None, time)
+    return (Channel(name, samples, unit, time) for name, (samples, unit) in channels_of(window).items())
 
 
 def _joined(name: str, windows: list[ChannelSummary]) -> ChannelSummary:

@@ -51,20 +51,9 @@ if TYPE_CHECKING:
 
 FORMAT = "preload-session"
 VERSION = 1
-EXCITATION_UNIT = {
-    ExcitationQuantity.TORQUE: "N.m",
-    ExcitationQuantity.FORCE: "N",
-    ExcitationQuantity.CURRENT: "A",
-    ExcitationQuantity.ACCELERATION: "m/s2",
-}
-RESPONSE_UNIT = {
-    ResponseQuantity.ACCELERATION: "m/s2",
-    ResponseQuantity.VELOCITY: "m/s",
-    ResponseQuantity.DISPLACEMENT: "m",
-    ResponseQuantity.MOTOR_ANGLE: "rad",
-    ResponseQuantity.MOTOR_SPEED: "rad/s",
-    ResponseQuantity.RELATIVE_DISPLACEMENT: "m",
-}
+_IN_ASCII = str.maketrans("·²", ".2")
+EXCITATION_UNIT = {quantity: quantity.unit.translate(_IN_ASCII) for quantity in ExcitationQuantity}
+RESPONSE_UNIT = {quantity: quantity.unit.translate(_IN_ASCII) for quantity in ResponseQuantity}
 _ROOT_ATTRIBUTES = frozenset(("format", "version", "axis_id", "description", "created"))
 _WINDOW_ATTRIBUTES = frozenset((
     "sample_rate_hz", "excitation_quantity", "excitation_unit", "excitation_source", "response_quantity",
@@ -341,14 +330,28 @@ def _columns(group: "h5py.h5g.GroupID", where: str) -> dict[str, Column]:
 
 def _write_window(group: "h5py.Group", window: Window) -> dict[str, object]:
     """Write a window and return its attributes."""
-    group["excitation"] = window.excitation
-    group["response"] = window.response
-    if window.position_trace is not None:
-        group["position"] = window.position_trace
-    if window.reference is not None:
-        group["reference"] = window.reference
+    for name, (samples, _) in channels_of(window).items():
+        group[name] = samples
+    stated = stated_of(window)
+    write_attributes(group, stated)
+    return stated
+
+
+def channels_of(window: Window) -> dict[str, tuple[SampleArray, str | None]]:
+    """Return the channels that a window has, by the names of a session, with their units; a reference states none."""
+    channels = {
+        "excitation": (window.excitation, EXCITATION_UNIT[window.excitation_quantity]),
+        "response": (window.response, RESPONSE_UNIT[window.response_quantity]),
+        "position": (window.position_trace, "m"),
+        "reference": (window.reference, None),
+    }
+    return {name: (samples, unit) for name, (samples, unit) in channels.items() if samples is not None}
+
+
+def stated_of(window: Window) -> dict[str, object]:
+    """Return what a window states beside its samples, by the names of a session and of the API."""
     conditions = window.conditions
-    stated: dict[str, object] = {
+    return {
         "started_at": format_instant(window.started_at),
         "sample_rate_hz": float(window.sample_rate),
         "excitation_quantity": str(window.excitation_quantity),
@@ -365,5 +368,3 @@ def _write_window(group: "h5py.Group", window: Window) -> dict[str, object]:
         "temperature_c": conditions.temperature,
         "preload_n": conditions.preload,
     }
-    write_attributes(group, stated)
-    return stated

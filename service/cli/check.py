@@ -1,6 +1,7 @@
 """``preload check FILE``: what is in a file, which commands can use it, and what to do next with it."""
 
 import shlex
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -20,7 +21,7 @@ from monitor_core.recordings.raw.proposal.entries import MapProposal
 from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.raw.proposal.parts import Made
 from monitor_core.recordings.recognition import KINDS, SESSION
-from monitor_core.recordings.session_hdf5 import open_session
+from monitor_core.recordings.session_hdf5 import channels_of, open_session
 from service.cli.options import json_option
 from service.cli.output import print_json, print_line, print_table
 from service.cli.targets import require_target
@@ -141,13 +142,11 @@ def _channels_of_session(file: Path) -> tuple[Channel, ...]:
     """Return the channels of the windows in a row, in time order, as many windows as memory is given for."""
     with open_session(file) as reader:
         windows = list(islice(reader.windows(), _MOST_WINDOWS))
-    samples: dict[str, list[SampleArray]] = {
-        "excitation": [window.excitation for window in windows],
-        "response": [window.response for window in windows],
-        "position": [window.position_trace for window in windows if window.position_trace is not None],
-        "reference": [window.reference for window in windows if window.reference is not None],
-    }
-    return tuple(Channel(name, np.concatenate(of, dtype=np.float64)) for name, of in samples.items() if of)
+    samples = defaultdict[str, list[SampleArray]](list)
+    for window in windows:
+        for name, (values, _) in channels_of(window).items():
+            samples[name].append(values)
+    return tuple(Channel(name, np.concatenate(of, dtype=np.float64)) for name, of in samples.items())
 
 
 def _document(report: FileReport, written: Sequence[Path]) -> dict[str, object]:

@@ -13,8 +13,7 @@ from pydantic import BaseModel
 
 import preload_client
 from monitor_core.recording import Window
-from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT
+from monitor_core.recordings.session_hdf5 import stated_of
 from service.api.http.body import MSGPACK_TYPE
 from service.cli.options import who_asks
 from service.json_types import JsonObject
@@ -112,7 +111,7 @@ def _in_a_sentence() -> Iterator[None]:
         raise click.ClickException(str(error)) from error
 
 
-def window_document(window: Window) -> JsonObject:
+def window_document(window: Window) -> dict[str, object]:
     """Return a window as the API takes it, samples as bytes of little-endian float32."""
 
     def samples(values: np.ndarray[Any, Any]) -> bytes:
@@ -121,27 +120,12 @@ def window_document(window: Window) -> JsonObject:
     def from_first(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:  # at half a metre float32 leaves 30 nm
         return values.astype(np.float64) - float(values[0])
 
-    conditions, trace, answer = window.conditions, window.position_trace, window.response
+    trace, answer = window.position_trace, window.response
     if window.response_quantity.derivatives > 1:  # counts from anywhere
         answer = from_first(answer)
-    return {
-        "started_at": window.started_at.isoformat(),
-        "measurement": window.measurement,
-        "sample_rate_hz": window.sample_rate,
-        "position_mm": to_millimetres(conditions.position),
-        "position_span_mm": to_millimetres(window.position_span),
+    return stated_of(window) | {
         "excitation": samples(window.excitation),
         "response": samples(answer),
-        "excitation_quantity": str(window.excitation_quantity),
-        "excitation_unit": EXCITATION_UNIT[window.excitation_quantity],
-        "excitation_source": str(window.excitation_source),
-        "response_quantity": str(window.response_quantity),
-        "response_unit": RESPONSE_UNIT[window.response_quantity],
-        "response_resolution": window.response_resolution,
-        "direction": str(window.direction),
         "position_trace_m": None if trace is None else samples(trace),
         "reference": None if window.reference is None else samples(from_first(window.reference)),
-        "payload_kg": conditions.payload_mass,
-        "temperature_c": conditions.temperature,
-        "preload_n": conditions.preload,
     }

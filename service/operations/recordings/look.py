@@ -13,8 +13,7 @@ from pydantic import ValidationError
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Window
-from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT, open_session, write_session
+from monitor_core.recordings.session_hdf5 import channels_of, open_session, stated_of, write_session
 from service.clock import text_of
 from service.documents.recording import ChannelEntry
 from service.errors import BodyTooLargeError, first_refusal
@@ -151,18 +150,9 @@ class _Windows:
 
     def require(self, window: Window, measurement: str, where: str) -> None:
         """Refuse a window that could not be sent by itself, or that makes the recording too large."""
-        conditions = window.conditions
+        stated = stated_of(window) | {"started_at": window.started_at}
         try:
-            StatedOfWindow(
-                started_at=window.started_at,
-                measurement=window.measurement,
-                sample_rate_hz=window.sample_rate,
-                position_mm=to_millimetres(conditions.position),
-                position_span_mm=to_millimetres(window.position_span),
-                payload_kg=conditions.payload_mass,
-                temperature_c=conditions.temperature,
-                preload_n=conditions.preload,
-            )
+            StatedOfWindow.model_validate({name: stated[name] for name in StatedOfWindow.model_fields})
         except ValidationError as error:
             raise RecordingFormatError(f"{where}, {first_refusal(error)}") from error
         if window.started_at == self._last_start:
@@ -190,20 +180,12 @@ class _Seen:
 
     def __init__(self, file_name: str) -> None:
         self._file_name = file_name
-        self._n_samples: Counter[tuple[str, str, float]] = Counter()
-        self._first: dict[tuple[str, str, float], datetime] = {}
+        self._n_samples: Counter[tuple[str, str | None, float]] = Counter()
+        self._first: dict[tuple[str, str | None, float], datetime] = {}
 
     def add(self, window: Window) -> None:
         """Note the channels of a window."""
-        units = {
-            "excitation": EXCITATION_UNIT[window.excitation_quantity],
-            "response": RESPONSE_UNIT[window.response_quantity],
-        }
-        if window.position_trace is not None:
-            units["position"] = "m"
-        if window.reference is not None:
-            units["reference"] = ""
-        for name, unit in units.items():
+        for name, (_, unit) in channels_of(window).items():
             key = (name, unit, window.sample_rate)
             self._n_samples[key] += window.n_samples
             self._first.setdefault(key, window.started_at)
@@ -215,7 +197,7 @@ class _Seen:
                 file=self._file_name,
                 name=name,
                 shape=[n_samples],
-                unit=unit or None,
+                unit=unit,
                 sample_rate_hz=rate,
                 started_at=self._first[name, unit, rate],
             )
