@@ -82,9 +82,10 @@ def frf(
         print_json({"measurements": documents})
         return
     if n_modes is None:
-        rows = [_row(item.measurement, remarks.get(item.measurement.name)) for item in measurements]
+        each = [item.measurement for item in measurements]
+        rows = [_row(item, item.outcome.modal, remarks.get(item.name)) for item in each]
     else:
-        rows = _mode_rows(measurements)
+        rows = [_row(item.measurement, mode) for item in measurements for mode in item.modes]
     print_table(
         f"Modes in {data.name}",
         ("measurement", "position", "frequency", "damping", "coherence", "averages", "excitation", "remarks"),
@@ -127,39 +128,21 @@ def _said(modal: ModalMeasurement, remark: str | None) -> list[str]:
     return [*modal.warnings, *([] if remark is None else [remark])]
 
 
-def _row(item: SessionMeasurement, remark: str | None) -> tuple[str, ...]:
-    modal = item.outcome.modal
-    if isinstance(modal, Rejection):
-        position = f"{to_millimetres(item.conditions.position):.1f} mm"
-        return (item.name, position, "—", "—", "—", "—", "—", f"{modal.reason}: {modal.detail}")
-    return _mode_row(item.name, modal, remark)
-
-
-def _mode_row(name: str, modal: ModalMeasurement, remark: str | None = None) -> tuple[str, ...]:
-    frequency = modal.mode.frequency
+def _row(item: SessionMeasurement, mode: ModalMeasurement | Rejection, remark: str | None = None) -> tuple[str, ...]:
+    conditions = item.conditions if isinstance(mode, Rejection) else mode.conditions
+    place = (item.name, f"{to_millimetres(conditions.position):.1f} mm")
+    if isinstance(mode, Rejection):
+        return (*place, "—", "—", "—", "—", "—", f"{mode.reason}: {mode.detail}")
+    frequency = mode.mode.frequency
     return (
-        name,
-        f"{to_millimetres(modal.conditions.position):.1f} mm",
+        *place,
         f"{plus_minus(frequency.value, frequency.standard_uncertainty)} Hz",
-        f"{100 * modal.mode.damping_ratio.value:.2f} %",
-        f"{modal.coherence:.3f}",
-        f"{modal.n_averages:.0f}",
-        f"{modal.excitation_rms:.3g} {modal.excitation_quantity.unit} rms",
-        "; ".join(_said(modal, remark)),
+        f"{100 * mode.mode.damping_ratio.value:.2f} %",
+        f"{mode.coherence:.3f}",
+        f"{mode.n_averages:.0f}",
+        f"{mode.excitation_rms:.3g} {mode.excitation_quantity.unit} rms",
+        "; ".join(_said(mode, remark)),
     )
-
-
-def _mode_rows(measurements: list[MeasuredModes]) -> list[tuple[str, ...]]:
-    rows = list[tuple[str, ...]]()
-    for measured in measurements:
-        item = measured.measurement
-        position = f"{to_millimetres(item.conditions.position):.1f} mm"
-        for mode in measured.modes:
-            if isinstance(mode, Rejection):
-                rows.append((item.name, position, "—", "—", "—", "—", "—", f"{mode.reason}: {mode.detail}"))
-            else:
-                rows.append(_mode_row(item.name, mode))
-    return rows
 
 
 def _of_responses(data: Data, band_hz: tuple[float, float] | None, n_modes: int | None, *, as_json: bool) -> None:
