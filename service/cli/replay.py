@@ -1,6 +1,7 @@
 """``preload replay SESSION --url URL --axis ID``: post a recorded session to a running service."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from monitor_core.session import RecordedMeasurements
 from service.cli.inputs.data import DataKind, data_argument, data_of, map_option, opened_session
 from service.cli.options import json_option, url_option
 from service.cli.output import print_json, print_line
-from service.cli.remote.client import Client, MeasurementOutcome
+from service.cli.remote.client import Client
 from service.operations.monitoring.replay import Pace, WindowCounts
 
 
@@ -51,14 +52,14 @@ class Posted:
 def post_session(session: RecordedMeasurements, client: Client, axis: str, speed: float | None = None) -> Posted:
     """Post all measurements of an open session and count their outcomes."""
     pace = Pace(speed)
-    counts, judged = WindowCounts(), list[MeasurementOutcome]()
+    counts, judged = WindowCounts(), list[Mapping[str, object]]()
     for name in session.measurements:
         windows = session.windows_of(name)
         pace.wait_for(windows[0].started_at)
         answer = client.post_measurement(axis, windows)
-        counts += WindowCounts(answer.accepted + answer.refused, answer.refused, answer.already_there)
-        judged += answer.measurements
-    return Posted(counts, len(judged), Counter(str(outcome.reason) for outcome in judged if outcome.refused))
+        counts += WindowCounts(answer["accepted"] + answer["refused"], answer["refused"], answer["already_there"])
+        judged += answer["measurements"]
+    return Posted(counts, len(judged), Counter(str(each.get("reason")) for each in judged if each["refused"]))
 
 
 def _sentence(posted: Posted) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 import click
 import pytest
 from paho.mqtt.client import MQTTMessage
+from pydantic import BaseModel
 
 import preload_client
 from preload_client import AsyncClient, Client, UnreachableError, exchange as exchanging
@@ -142,17 +143,20 @@ def test_a_key_goes_only_to_a_service_that_is_believed(
         heard.append(to.recv(2**16))
         to.sendall(b'HTTP/1.1 200 OK\r\ncontent-length: 11\r\n\r\n{"axes":[]}')
 
+    class Axes(BaseModel):
+        axes: list[str]
+
     monkeypatch.setenv("PRELOAD_KEY", PASSWORD)
     with talking(talk, tls) as port:
         with (
             remote.Client(f"https://127.0.0.1:{port}") as client,
             pytest.raises(click.ClickException, match="certificate verify failed"),
         ):
-            client.get("/v1/axes", remote._KnownAxes)
+            client.get("/v1/axes", Axes)
         assert heard == []
         monkeypatch.setenv("PRELOAD_CA_FILE", str(ca_file))
         with remote.Client(f"https://127.0.0.1:{port}") as client:
-            assert client.get("/v1/axes", remote._KnownAxes).axes == []
+            assert client.get("/v1/axes", Axes).axes == []
     assert PASSWORD.encode() in heard[0]
 
 

@@ -23,30 +23,6 @@ TIMEOUT_S = 120.0
 Wire = TypeVar("Wire", bound=BaseModel)
 
 
-class _KnownAxis(BaseModel):
-    id: str
-
-
-class _KnownAxes(BaseModel):
-    axes: list[_KnownAxis]
-
-
-class MeasurementOutcome(BaseModel):
-    """Whether a measurement was refused, and why."""
-
-    refused: bool
-    reason: str | None = None
-
-
-class PostedMeasurement(BaseModel):
-    """What became of the windows of a measurement, and of the measurement."""
-
-    accepted: int
-    refused: int
-    already_there: int
-    measurements: list[MeasurementOutcome]
-
-
 class Client:
     """Talks to one service, with the key in ``PRELOAD_KEY`` if there is one; a problem becomes one sentence.
 
@@ -86,17 +62,18 @@ class Client:
 
     def register_if_new(self, axis: str) -> bool:
         """Register an axis with default settings unless it is there; tell whether it was new."""
-        if any(known.id == axis for known in self.get("/v1/axes", _KnownAxes, archived="true").axes):
+        known = cast(Sequence[preload_client.Axis], self._ask("GET", "/v1/axes", params={"archived": "true"})["axes"])
+        if any(each["id"] == axis for each in known):
             return False
         self.put(f"/v1/axes/{axis}", {"name": axis})
         return True
 
-    def post_measurement(self, axis: str, windows: Sequence[Window]) -> PostedMeasurement:
+    def post_measurement(self, axis: str, windows: Sequence[Window]) -> preload_client.Receipt:
         """Post the windows of one measurement as MessagePack, and have it judged."""
         body = msgpack.packb({"windows": [window_document(window) for window in windows], "complete": True})
         headers = {"content-type": MSGPACK_TYPE}
         answer = self._ask("POST", f"/v1/axes/{axis}/windows", content=body, headers=headers)
-        return PostedMeasurement.model_validate(answer)
+        return cast(preload_client.Receipt, answer)
 
     def _ask(self, method: str, path: str, **arguments: Any) -> JsonObject:  # noqa: ANN401 - httpx's own
         with _in_a_sentence():
