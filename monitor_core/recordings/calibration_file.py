@@ -30,6 +30,7 @@ from monitor_core.recording import ExcitationQuantity, ExcitationSource, Respons
 from monitor_core.recordings.elements.fields import Fields, json_list, json_numbers, json_object, json_table
 from monitor_core.recordings.elements.files import naming, read_text
 from monitor_core.recordings.elements.units import metres, to_millimetres
+from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
 FORMAT, VERSION = "preload-calibration", 1
@@ -41,13 +42,9 @@ _INFLUENCE_KEYS = {
 }
 _PARAMETER_KEYS = {**COEFFICIENT_KEYS, **_INFLUENCE_KEYS}
 _PARAMETER_NAMES = {key: name for name, key in _PARAMETER_KEYS.items()}
-EXCITATION_LEVEL_UNITS = {
-    ExcitationQuantity.TORQUE: "N.m/Hz^0.5",
-    ExcitationQuantity.FORCE: "N/Hz^0.5",
-    ExcitationQuantity.CURRENT: "A/Hz^0.5",
-    ExcitationQuantity.ACCELERATION: "m/s2/Hz^0.5",
-    None: None,
-}
+EXCITATION_LEVEL_UNITS: dict[ExcitationQuantity | None, str | None] = {
+    None: None, **{quantity: f"{unit}/Hz^0.5" for quantity, unit in EXCITATION_UNIT.items()},
+}  # fmt: skip
 
 
 def calibration_document(calibration: Calibration) -> dict[str, object]:
