@@ -8,7 +8,7 @@ import msgpack
 import numpy as np
 import pytest
 
-import preload_client.client
+import preload_client.routes
 from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, ResponseQuantity, Window
 from service.cli.remote.client import window_document
@@ -109,7 +109,7 @@ def test_a_unit_that_is_not_of_the_quantity_is_refused(shared_api: Api, windows:
 
 def test_the_client_sends_a_position_from_its_first_sample_on(windows: list[Window]) -> None:
     scale = windows[0].response
-    sent = preload_client.client._window(
+    sent = preload_client.routes._window(
         {
             "started_at": START,
             "response": scale,
