@@ -55,7 +55,12 @@ if TYPE_CHECKING:
         Session as Session,
         Window as Window,
     )
-    from monitor_core.session import calibrate_session as calibrate_session, judge_session as judge_session
+    from monitor_core.response import FrequencyResponse as FrequencyResponse
+    from monitor_core.session import (
+        Trend as Trend,
+        calibrate_session as calibrate_session,
+        judge_session as judge_session,
+    )
     from monitor_core.uncertainty import Estimate as Estimate, Interval as Interval
 
 #: Where each name of the face lives: imported when it is first used, so that a command pays for what it needs alone.
@@ -75,7 +80,8 @@ _HOMES = {
     "monitor_core.pipeline": ("AxisSettings",),
     "monitor_core.preload": ("Calibration", "ModalReading", "PreloadEstimate", "calibrate", "estimate_preload"),
     "monitor_core.recording": ("Conditions", "Rejection", "Session", "Window"),
-    "monitor_core.session": ("calibrate_session", "judge_session"),
+    "monitor_core.response": ("FrequencyResponse",),
+    "monitor_core.session": ("Trend", "calibrate_session", "judge_session"),
     "monitor_core.uncertainty": ("Estimate", "Interval"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}

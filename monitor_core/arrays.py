@@ -1,9 +1,15 @@
-"""Array types of the core, the read-only copy that a frozen record keeps, and complex arithmetic that is used often."""
+"""Array types of the core, the read-only copy that a frozen record keeps, how it is shown, and complex arithmetic."""
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from monitor_core.shown import Panel
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -26,6 +32,38 @@ def read_only_complex(values: npt.ArrayLike) -> ComplexArray:
     array = np.array(values, dtype=np.complex128)
     array.setflags(write=False)
     return array
+
+
+class Shown:
+    """What a record gives a person at a notebook: a picture, a table, and itself in a cell.
+
+    It says which panels and columns it has; how these are drawn (:mod:`monitor_core.shown`) is imported when asked for.
+    """
+
+    __slots__ = ()
+
+    def plot(self, figure: "Figure | None" = None) -> "Figure":
+        """Draw it with matplotlib, into a figure of pyplot if none is given."""
+        from monitor_core.shown import plot  # noqa: PLC0415  # few ask
+
+        return plot(self._panels(), figure)
+
+    def to_frame(self) -> Any:  # noqa: ANN401 - pandas has no types
+        """Return its numbers as a ``pandas.DataFrame``; columns are named with their units."""
+        from monitor_core.shown import to_frame  # noqa: PLC0415  # few ask
+
+        return to_frame(self._columns())
+
+    def _repr_html_(self) -> str:
+        from monitor_core.shown import as_html  # noqa: PLC0415  # notebooks alone ask
+
+        return as_html(repr(self), self._panels())
+
+    def _panels(self) -> "Sequence[Panel]":
+        raise NotImplementedError
+
+    def _columns(self) -> Mapping[str, Sequence[Any] | FloatArray]:
+        raise NotImplementedError
 
 
 def acts(value: float | FloatArray) -> bool:

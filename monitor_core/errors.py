@@ -25,4 +25,4 @@ class RecordingFormatError(MonitorCoreError, ValueError):
 
 
 class MissingReaderError(MonitorCoreError, ImportError):
-    """A file format needs an optional library that is not installed."""
+    """A file format, a picture or a table needs an optional library that is not installed."""

@@ -85,6 +85,19 @@ def responses_of_session(session: RecordedMeasurements, settings: AxisSettings) 
     """Return the averaged responses of the measurements of a session that can be judged, on all their lines.
 
     All lines of a measurement count, wherever its mode is looked for. ``NotIdentifiableError`` if there is no response.
+
+    Examples
+    --------
+    The largest line is at the mode of the plant that recorded it, between 178 and 198 Hz:
+
+    >>> from pathlib import Path
+    >>> import monitor_core as mc
+    >>> from monitor_core import recordings
+    >>> with recordings.open_session(Path("replay_data/healthy-month.session.h5")) as session:
+    ...     first = mc.Session("mill", session.windows_of("healthy-000"))
+    >>> [seen] = mc.responses_of_session(first, mc.AxisSettings(search_band=(140.0, 230.0))).observations
+    >>> float(seen.frequency[abs(seen.response).argmax()])
+    188.0
     """
     return responses_of_windows(
         (measure_response(gated.accepted, settings) if gated.accepted else gated.rejection, gated.accepted)

@@ -1,16 +1,21 @@
 """Records of frequency responses and modes; measured and modelled ones are of one type."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, read_only, read_only_complex
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, Shown, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError
 from monitor_core.uncertainty import Estimate
 
+if TYPE_CHECKING:
+    from monitor_core.shown import Panel
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrequencyResponse:
+class FrequencyResponse(Shown):
     """A response quantity per unit excitation over frequency.
 
     ``quantity`` says which (ISO 7626): ``accelerance`` [m/(N·s²)] or ``torque_accelerance`` [m/(N·m·s²)], the latter
@@ -43,6 +48,21 @@ class FrequencyResponse:
         return (
             f"FrequencyResponse of {self.quantity}: {self.frequency.size} lines, {band}, {self.n_averages:g} averages"
         )
+
+    def _panels(self) -> "Sequence[Panel]":
+        from monitor_core.shown import Panel  # noqa: PLC0415  # few ask
+
+        x, x_name, name = self.frequency, "frequency [Hz]", self.quantity.replace("_", " ")
+        panels = [
+            Panel(name, x_name, "amplitude [SI]", x, np.abs(self.response), logarithmic=True),
+            Panel("phase", x_name, "phase [°]", x, np.degrees(np.angle(self.response))),
+        ]
+        coherence = self.coherence
+        return panels if coherence is None else [*panels, Panel("coherence", x_name, "γ² [-]", x, coherence)]
+
+    def _columns(self) -> Mapping[str, FloatArray]:
+        columns = {"frequency_hz": self.frequency, "real": self.response.real, "imaginary": self.response.imag}
+        return columns if self.coherence is None else columns | {"coherence": self.coherence}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

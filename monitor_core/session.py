@@ -1,10 +1,13 @@
 """Judge the measurements of a recorded session one after the other, and calibrate an axis from one."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+
+from monitor_core.arrays import Shown
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import ModalMeasurement, measure_modes, session_remarks
 from monitor_core.pipeline import (
@@ -26,6 +29,9 @@ from monitor_core.preload import (
 from monitor_core.preload.doubts import Places, of_whole_session, places_disagree
 from monitor_core.preload.estimate import place_reading
 from monitor_core.recording import SESSION_GAP, Conditions, Rejection, RejectionReason, Window
+
+if TYPE_CHECKING:
+    from monitor_core.shown import Panel
 
 
 class RecordedMeasurements(Protocol):
@@ -67,6 +73,71 @@ class SessionMeasurement:
     refused_windows: tuple[Rejection, ...]
 
 
+class Trend(Shown, tuple[SessionMeasurement, ...]):
+    """Judged measurements in the order of their time: ``Trend(judge_session(session, settings, calibration))``.
+
+    What is shown of one is its preload [N] with its interval, or without a calibration its frequency [Hz].
+    """
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Return it in two lines: how many there are, and the first and the last value with interval and date."""
+        unit, values = self._values()
+        n_refused = len(self) - len(values)
+        said = f"Trend of {len(self)} measurements{f', {n_refused} of them refused' if n_refused else ''}"
+        if not values:
+            return said
+        first, last = (
+            f"{value:.4g} {unit} ({lower:.4g} to {upper:.4g}) on {at:%Y-%m-%d}"
+            for at, value, lower, upper in (values[0], values[-1])
+        )
+        return f"{said}\n  first {first}, last {last}"
+
+    def _values(self) -> tuple[str, list[tuple[datetime, float, float, float]]]:
+        """Return the unit of what is shown; of each measurement that has it when, the value, and its 95 % interval."""
+        outcomes = [m.outcome for m in self]
+        modes = [(o.modal, o.preload) for o in outcomes if not isinstance(o.modal, Rejection)]
+        preloads = [
+            (modal.started_at, preload.preload, preload.interval.lower, preload.interval.upper)
+            for modal, preload in modes
+            if isinstance(preload, PreloadEstimate)
+        ]
+        if preloads:
+            return "N", preloads
+        found = [(modal.started_at, modal.mode.frequency) for modal, _ in modes]
+        return "Hz", [
+            (at, f.value, f.value - f.expanded_uncertainty, f.value + f.expanded_uncertainty) for at, f in found
+        ]
+
+    def _panels(self) -> "Sequence[Panel]":
+        from monitor_core.shown import Panel  # noqa: PLC0415  # few ask
+
+        unit, values = self._values()
+        if not values:
+            return []
+        at, value, lower, upper = zip(*values, strict=True)
+        days = np.array([(moment - at[0]).total_seconds() for moment in at]) / 86400.0
+        name = "preload [N]" if unit == "N" else "axial frequency [Hz]"
+        interval = (np.array(lower), np.array(upper))
+        return [Panel("", f"days since {at[0]:%Y-%m-%d %H:%M %Z}", name, days, np.array(value), interval=interval)]
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        modes = [None if isinstance(m.outcome.modal, Rejection) else m.outcome.modal for m in self]
+        preloads = [m.outcome.preload if isinstance(m.outcome.preload, PreloadEstimate) else None for m in self]
+        refusals = [m.outcome.refusal for m in self]
+        return {
+            "measurement": [m.name for m in self],
+            "at": [None if mode is None else mode.started_at for mode in modes],
+            "position_m": [m.conditions.position for m in self],
+            "frequency_hz": [None if mode is None else mode.mode.frequency.value for mode in modes],
+            "preload_n": [None if preload is None else preload.preload for preload in preloads],
+            "lower_n": [None if preload is None else preload.interval.lower for preload in preloads],
+            "upper_n": [None if preload is None else preload.interval.upper for preload in preloads],
+            "refusal": [None if refusal is None else str(refusal.reason) for refusal in refusals],
+        }
+
+
 def gate_session(
     session: RecordedMeasurements, settings: AxisSettings, calibration: Calibration | None = None
 ) -> Iterator[GatedMeasurement]:
@@ -88,6 +159,18 @@ def judge_session(
     """Judge the measurements of a session one after another.
 
     Without a calibration modes are measured, and no preload.
+
+    Examples
+    --------
+    The axial mode of the plant that recorded this session, by finite elements in the time domain, is at 178 to 198 Hz:
+
+    >>> from pathlib import Path
+    >>> import monitor_core as mc
+    >>> from monitor_core import recordings
+    >>> with recordings.open_session(Path("replay_data/healthy-month.session.h5")) as session:
+    ...     judged = next(mc.judge_session(session, mc.AxisSettings(search_band=(140.0, 230.0))))
+    >>> round(judged.outcome.modal.mode.frequency.value, 1)
+    188.7
     """
     for gated in gate_session(session, settings, calibration):
         if gated.accepted:
@@ -206,6 +289,28 @@ def calibrate_session(
 
     With a prior, what was known of k1…k4 before, fewer measurements will do. ``NotIdentifiableError`` if none of the
     measurements can be judged, or they determine no calibration.
+
+    Examples
+    --------
+    Recorded of a model at nine settings, and once more at 200 N:
+
+    >>> from datetime import UTC, datetime
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import monitor_core as mc
+    >>> from monitor_core import recordings
+    >>> from monitor_core.models.generator import SimulationSettings
+    >>> axis = recordings.read_model_file(Path("replay_data/models/lumped.toml")).build()
+    >>> def recorded(places, seed):
+    ...     few, start = SimulationSettings(windows_per_measurement=8), datetime(2026, 3, 2, tzinfo=UTC)
+    ...     rng = np.random.default_rng(seed)
+    ...     return mc.simulate_session(axis, places, few, axis_id="x", started_at=start, rng=rng)
+    >>> set_to = [mc.DriveConditions(x, preload=p) for x in (0.2, 0.45, 0.7) for p in (100.0, 200.0, 400.0)]
+    >>> settings = mc.AxisSettings(search_band=(150.0, 300.0))
+    >>> calibration = mc.calibrate_session(recorded(set_to, 1), settings)
+    >>> [again] = mc.judge_session(recorded([mc.DriveConditions(0.5, preload=200.0)], 2), settings, calibration)
+    >>> round(again.outcome.preload.preload)
+    200
     """
     return calibrate_judged(list(judge_session(session, settings)), settings, weighting=weighting, prior=prior)
 

@@ -120,6 +120,28 @@ def attribute_change(
     ``NotIdentifiableError`` if fewer than three positions were measured at both times, no line stands above its noise,
     or the model does not describe the reference. ``OutsideValidityError`` if the model has no answer under one of the
     conditions.
+
+    Examples
+    --------
+    A mass of 5 kg that nobody stated stands on the table of the axis of Nguyen et al. (2018):
+
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import monitor_core as mc
+    >>> from monitor_core import recordings
+    >>> axis = recordings.read_model_file(Path("replay_data/models/lumped.toml"))
+    >>> points = mc.ExcitationPoint.TORQUE_AT_SCREW, mc.ResponsePoint.ACCELERATION_AT_TABLE
+    >>> def observed(mass, seed):
+    ...     rng, frequency = np.random.default_rng(seed), np.arange(40.0, 400.0, 4.0)
+    ...     model = mc.build_model("lumped", {**axis.parameters, "table_mass_kg": 20.54 + mass})
+    ...     for at in (mc.DriveConditions(x, preload=200.0) for x in (0.2, 0.45, 0.7)):
+    ...         exact = model.frequency_response(frequency, at, excitation=points[0], response=points[1]).response
+    ...         deviation = 0.004 * abs(exact)
+    ...         noise = deviation * (rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size))
+    ...         yield mc.FrequencyResponseObservation(at, frequency, exact + noise, deviation, *points)
+    >>> found = mc.attribute_change(axis.drive(), [*observed(0.0, 1)], [*observed(5.0, 2)], preload=200.0)
+    >>> f"{found.cause}: {found.changes[0].size.value:.1f} {found.changes[0].unit}"
+    'payload: 5.0 kg'
     """
     settings = settings or AttributionSettings()
     reference, recent = (_with_preload(side, preload) for side in (reference, recent))

@@ -42,7 +42,6 @@ from monitor_core.fitting.comparison import (
     AsMeasured,
     GapInSigma,
     Layout,
-    Panel,
     Setting,
     WithoutOtherConditions,
     amplitude_panels,
@@ -51,6 +50,7 @@ from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.lines import with_phase_within_half_a_turn
 from monitor_core.models.extended import AxisPhysics
+from monitor_core.shown import Panel
 
 _STEP = 0.1  # of a standard deviation, for the condition errors
 #: Share of the cells of wide bands that narrow ones must keep.

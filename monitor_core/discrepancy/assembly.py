@@ -40,11 +40,11 @@ from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
 from monitor_core.effects.units import recorded_unit
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import Panel
 from monitor_core.fitting.conditions.settings import varied_conditions
 from monitor_core.fitting.evidence import EvidenceScale
 from monitor_core.fitting.hold_out import gain, gap_of
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
+from monitor_core.shown import Panel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

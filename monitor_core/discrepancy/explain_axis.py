@@ -104,6 +104,26 @@ def explain(
     description: parameters as refitted, effects of the axis and those found; where the cause is unknown, the
     description as given. ``NotIdentifiableError`` or ``OutsideValidityError`` if measurements, description and what is
     to be held out do not go together; one sentence says why.
+
+    Examples
+    --------
+    Of responses that are those of the model itself, with noise, nothing is missing:
+
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import monitor_core as mc
+    >>> from monitor_core import recordings
+    >>> axis = recordings.read_model_file(Path("replay_data/models/receptance.toml"))
+    >>> rng, frequency = np.random.default_rng(1), np.arange(10.0, 200.0, 2.0)
+    >>> points = {"excitation": mc.ExcitationPoint.FORCE_AT_TABLE, "response": mc.ResponsePoint.DISPLACEMENT_AT_TABLE}
+    >>> measured = []
+    >>> for x in (0.6, 1.2, 1.8):
+    ...     exact = axis.build().frequency_response(frequency, mc.DriveConditions(x), **points).response
+    ...     deviation = 0.003 * abs(exact)
+    ...     noise = deviation * (rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size))
+    ...     measured.append(mc.FrequencyResponseObservation(mc.DriveConditions(x), frequency, exact + noise, deviation))
+    >>> mc.explain(axis, measured).outcome
+    <Outcome.NONE: 'none'>
     """
     options = options or ExplainOptions()
     if (against := _against_screw(axis, measured, options)) is not None:

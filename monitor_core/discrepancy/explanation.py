@@ -1,20 +1,20 @@
 """Define the answer of the discrepancy workflow: records and numbers, which the service puts into sentences."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from monitor_core.arrays import FloatArray, read_only
+from monitor_core.arrays import FloatArray, Shown, read_only
 from monitor_core.discrepancy.screw_axis import AgainstScrew
 from monitor_core.effects import ConditionAxis, Effect, Law, Variable
 from monitor_core.effects.units import RecordedUnit
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.axis import AxisDescription
-from monitor_core.fitting.comparison import Panel
 from monitor_core.fitting.conditions.groups import Extent
-from monitor_core.uncertainty import Estimate
+from monitor_core.shown import Panel
+from monitor_core.uncertainty import Estimate, plus_minus
 
 
 class Outcome(StrEnum):
@@ -306,7 +306,7 @@ class Unfinished:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Explanation:
+class Explanation(Shown):
     """The whole answer."""
 
     outcome: Outcome
@@ -340,3 +340,37 @@ class Explanation:
     against_screw: AgainstScrew | None = None
     #: The description with what was found; None where a comparison was explained, of which there is no description.
     augmented: AxisDescription | None = None
+
+    def __repr__(self) -> str:
+        """Return it in some lines: the outcome, how far the gap was closed, and what was found."""
+        before, after, unit = self.gap.before, self.gap.after, self.gap.unit
+        held_out = not math.isnan(after.held_out)
+        sizes = (before.held_out, after.held_out) if held_out else (before.fit, after.fit)
+        of_what = "on what was held out" if held_out else "on what was fitted"
+        lines = [
+            f"Explanation: {self.outcome}; gap {sizes[0]:.3g} {unit} before, {sizes[1]:.3g} {unit} after, {of_what}; "
+            f"noise floor {self.gap.noise_floor:.3g} {unit}"
+        ]
+        for effect in self.effects:
+            lines.append(f"  {' or '.join((effect.key, *effect.equivalent_to))}")
+            for name, found in effect.parameters.items():
+                size = plus_minus(found.estimate.value, found.estimate.standard_uncertainty)
+                lines.append(f"    {name} = {size} {found.unit}")
+        return "\n".join(lines)
+
+    def _panels(self) -> Sequence[Panel]:
+        return self.panels
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        rows = [(effect.key, name, found) for effect in self.effects for name, found in effect.parameters.items()]
+        found = [parameter for _, _, parameter in rows]
+        return {
+            "effect": [key for key, _, _ in rows],
+            "parameter": [name for _, name, _ in rows],
+            "value": [each.estimate.value for each in found],
+            "standard_uncertainty": [each.estimate.standard_uncertainty for each in found],
+            "lower_95": [each.interval_95[0] for each in found],
+            "upper_95": [each.interval_95[1] for each in found],
+            "unit": [each.unit for each in found],
+            "plausible": [each.plausible for each in found],
+        }

@@ -15,6 +15,7 @@ from monitor_core.arrays import BoolArray, FloatArray, read_only
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import Move
+from monitor_core.shown import Panel
 
 Physics = TypeVar("Physics")
 Physics_contra = TypeVar("Physics_contra", contravariant=True)
@@ -80,20 +81,6 @@ class ChangedConditions:
 
     axis: ConditionAxis
     amount: float  # added mass [kg], warming [K], ratio of levels [-], share of the way to the next position [-]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Panel:
-    """One picture of measurement and models: a response, a frequency over positions, a force over time."""
-
-    title: str
-    x_name: str  # with unit, as "frequency [Hz]"
-    y_name: str
-    x: FloatArray
-    measured: FloatArray
-    models: Mapping[str, FloatArray]  # by name: "before", "after"
-    logarithmic: bool = False  # y axis
-    held_out: bool = False
 
 
 class Comparison(Protocol[Physics_contra]):

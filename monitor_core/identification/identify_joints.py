@@ -238,6 +238,22 @@ def identify(
     limit, a limit names no free joint, or a calibration is to be predicted for a nut whose mass the model's natural
     frequencies have elsewhere. ``OutsideValidityError`` if the model has no answer under one of the conditions, or
     limits do not rise.
+
+    Examples
+    --------
+    From the peaks that Tian et al. measured, their Table 5 has 7.09e8 N/m for the nut.
+
+    >>> from dataclasses import replace
+    >>> from pathlib import Path
+    >>> import monitor_core as mc
+    >>> from monitor_core import recordings
+    >>> peaks = recordings.read_modal_table(Path("replay_data/published/tian_modal_table.csv"))
+    >>> axis = recordings.read_model_file(Path("replay_data/models/receptance.toml"))
+    >>> free = ("nut_stiffness_n_per_m", "bearing_stiffness_n_per_m", "far_bearing_stiffness_n_per_m")
+    >>> found = mc.identify(replace(axis, uncertain=dict.fromkeys(free, 0.5)), [row.observation for row in peaks])
+    >>> nut = found.joints["nut_stiffness_n_per_m"]
+    >>> f"{1e-8 * nut.interval.lower:.1f} to {1e-8 * nut.interval.upper:.1f} e8 N/m, {nut.verdict}"
+    '6.2 to 7.6 e8 N/m, determined'
     """
     options, axis = options or IdentifyOptions(), axis.with_corrected_parameters()
     question = _identifiable(axis, observations, options)  # before the accelerometer is placed, which takes seconds

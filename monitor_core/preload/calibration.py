@@ -5,15 +5,16 @@ scatter between measurements, the ranges it holds in, and the excitation source 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import FloatArray, Shown
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.feature import (
@@ -27,6 +28,9 @@ from monitor_core.preload.feature import (
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, WitnessValues
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.uncertainty import Estimate, VectorEstimate, plus_minus
+
+if TYPE_CHECKING:
+    from monitor_core.shown import Panel
 
 #: Order of the parameter vector; the last two only where they are known.
 COEFFICIENT_NAMES = ("k1", "k2", "k3", "k4")
@@ -100,7 +104,7 @@ class ValidRange:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
+class Calibration(Shown):
     """Eq. (8) of Nguyen et al. (2018) as regressed for one axis, one excitation and one response."""
 
     parameters: VectorEstimate  # k1…k4 and, where known, µ and k_T: SI units, joint covariance, degrees of freedom
@@ -157,6 +161,23 @@ class Calibration:
             f"  k3 = {k[2]} s²·N^(1/3), k4 = {k[3]} s²\n"
             f"  {rms}, weighting {self.weighting}"
         )
+
+    def _panels(self) -> "Sequence[Panel]":
+        from monitor_core.shown import Panel  # noqa: PLC0415  # few ask
+
+        x = np.linspace(self.position.lower, self.position.upper, 101)
+        preloads = np.linspace(self.preload.lower, self.preload.upper, 4)
+        lines = {f"{preload:.4g} N": axial_frequency(x, preload, self.coefficients) for preload in preloads}
+        return [Panel("Eq. (8)", "position [m]", "axial frequency [Hz]", x, np.full(x.size, np.nan), lines)]
+
+    def _columns(self) -> Mapping[str, Sequence[object] | FloatArray]:
+        estimates = [self.parameter(name) for name in self.parameter_names]
+        return {
+            "parameter": self.parameter_names,
+            "value": [None if each is None else each.value for each in estimates],
+            "standard_uncertainty": [None if each is None else each.standard_uncertainty for each in estimates],
+            "declared": [name in self.declared for name in self.parameter_names],
+        }
 
     @property
     def coefficients(self) -> PreloadFeatureCoefficients:

@@ -136,7 +136,22 @@ def estimate_preload(
     Examples
     --------
     Calibrated on Table 2 of [1]_, its reading at 200 N and 500 mm, 178.724 Hz (mean of 20), is read as 220 N with a
-    95 % interval of 184 to 266 N: the scatter of the table about Eq. (8), 0.25 Hz, at some 65 N/Hz.
+    95 % interval of 184 to 266 N: the scatter of the table about Eq. (8), 0.25 Hz, at some 65 N/Hz. Calibrated on
+    readings that lie on Eq. (8) with the k1…k4 of its Table 3, 200 N are read as 200 N:
+
+    >>> import monitor_core as mc
+    >>> def by_table_3(x, preload):
+    ...     return 1e4 * (-4872 * x**2 + 5561 * x + 2097 * preload ** (-1 / 3) + 1228) ** -0.5
+    >>> readings = [
+    ...     mc.ModalReading(by_table_3(x, preload), mc.Conditions(x, preload=preload))
+    ...     for x in (0.25, 0.5, 0.75)
+    ...     for preload in (100.0, 200.0, 300.0)
+    ... ]
+    >>> calibration = mc.calibrate(readings, weighting="none", excitation_source=None)
+    >>> measured = mc.Estimate(by_table_3(0.4, 200.0), standard_uncertainty=0.1)
+    >>> estimate = mc.estimate_preload(measured, mc.Conditions(0.4), calibration)
+    >>> f"{estimate.preload:.1f} N, {estimate.interval.lower:.0f} to {estimate.interval.upper:.0f} N"
+    '200.0 N, 189 to 211 N'
 
     References
     ----------

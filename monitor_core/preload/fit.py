@@ -149,8 +149,28 @@ def calibrate(
 
     Examples
     --------
-    Table 2 of Nguyen et al. (2018) gives k = −4848.6, 5741.6, 1915.2, 1154.6 (×1e-8, SI) and 0.2215 Hz rms; the printed
-    Table 3 misses it by 1.49 Hz rms (``docs/reference/errata.md``).
+    Table 2 of Nguyen et al. (2018): means at three positions, from 50 to 300 N. The printed Table 3 misses it by
+    1.49 Hz rms (``docs/reference/errata.md``).
+
+    >>> import monitor_core as mc
+    >>> table = {
+    ...     0.25: (189.093, 192.533, 194.210, 195.528, 196.325, 197.021),
+    ...     0.50: (172.876, 176.052, 177.377, 178.724, 179.145, 179.830),
+    ...     0.75: (175.553, 178.123, 179.690, 180.826, 180.996, 182.379),
+    ... }
+    >>> mc.calibrate(
+    ...     [
+    ...         mc.ModalReading(frequency, mc.Conditions(position, preload=preload))
+    ...         for position, row in table.items()
+    ...         for preload, frequency in zip((50.0, 100.0, 150.0, 200.0, 250.0, 300.0), row)
+    ...     ],
+    ...     weighting="none",
+    ...     excitation_source=None,
+    ... )
+    Calibration of 18 readings, 0.25 to 0.75 m, 50 to 300 N
+      k1 = -4.849e-05 ± 6.8e-07 s²/m², k2 = 5.742e-05 ± 6.9e-07 s²/m
+      k3 = 1.915e-05 ± 4.8e-07 s²·N^(1/3), k4 = 1.155e-05 ± 1.8e-07 s²
+      residual 0.222 Hz rms, weighting none
     """
     regress = partial(
         _regress,

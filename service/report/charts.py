@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy import GapPair
-from monitor_core.fitting.comparison import Panel
+from monitor_core.shown import Panel
 from service.report.rounding import quantity, rounded
 from service.report.svg import (
     CHARACTER,

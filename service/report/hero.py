@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
-from monitor_core.fitting.comparison import Panel
+from monitor_core.shown import Panel
 from service.report.charts import FEW, axis_of_values, curve, measured_curve, style_of
 from service.report.rounding import tick
 from service.report.svg import Axis, Frame, axis_over, element, joined, label, picture, shortened

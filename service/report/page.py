@@ -9,7 +9,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from monitor_core.discrepancy import Explanation, MisfitMap, Outcome
-from monitor_core.fitting.comparison import Panel
+from monitor_core.shown import Panel
 from service.documents.explanation_sentences import extent_in_words, map_title, parameter_words, row_label
 from service.report.charts import gap_chart, misfit_map_chart, panel_chart, pull_chart, shade_names, style_of
 from service.report.content import Cell, added_words, report_content

@@ -195,11 +195,17 @@ def assert_links_and_paths_lead_somewhere(page):
 # --- docstrings ------------------------------------------------------------------------------------------------------
 
 
-def test_examples_of_docstrings_give_what_they_show(subtests):
+def test_examples_of_docstrings_give_what_they_show(subtests, monkeypatch):
+    monkeypatch.chdir(PROJECT_ROOT)  # they read what is bundled
     for name in MODULES:
         with subtests.test(name):
             outcome = doctest.testmod(importlib.import_module(name))
             assert outcome.failed == 0
+
+
+def test_every_function_of_the_library_shows_an_example():
+    functions = [name for name in monitor_core.__all__ if inspect.isfunction(getattr(monitor_core, name))]
+    assert [name for name in functions if ">>> " not in getattr(monitor_core, name).__doc__] == []
 
 
 def exported(package: ModuleType) -> list[str]:

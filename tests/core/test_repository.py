@@ -48,9 +48,9 @@ def test_every_dependency_of_the_package_is_locked():
 
 
 def test_every_dependency_is_bounded_by_the_major_version_that_is_tested():
-    tested = dict(re.findall(r"^([\w.-]+)==(\S+)", text_of("requirements/runtime.lock"), flags=re.MULTILINE))
+    tested = dict(re.findall(r"^([\w.-]+)==(\S+)", text_of("requirements/dev.lock"), flags=re.MULTILINE))
     extras = PROJECT["optional-dependencies"].items()
-    of_users = [text for name, extra in extras if name not in {"bench", "docs", "dev", "compiled"} for text in extra]
+    of_users = [text for name, extra in extras if name not in {"bench", "docs", "dev"} for text in extra]
     for requirement in map(Requirement, [*PROJECT["dependencies"], *of_users]):
         version = Version(tested[canonicalize_name(requirement.name)])
         assert version in requirement.specifier

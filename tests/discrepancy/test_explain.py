@@ -12,12 +12,12 @@ from monitor_core.discrepancy.explanation import MisfitKind, Outcome, Untested, 
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX, ConditionAxis, with_effects, wrong_parameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.axis import DescribedDrive
-from monitor_core.fitting.comparison import Panel
 from monitor_core.fitting.conditions.groups import Dimension
 from monitor_core.models.extended import ExtendedModel, physics_of
 from monitor_core.models.protocol import ExcitationPoint
 from monitor_core.models.published.receptance import ReceptanceParameters
 from monitor_core.recordings.effect_file import read_effect_file
+from monitor_core.shown import Panel
 from service.documents.explanation_sentences import KEYS, remarks
 from tests.discrepancy.axes import (
     AXIS,

@@ -35,7 +35,7 @@ from monitor_core.discrepancy.explanation import (
 )
 from monitor_core.effects import ConditionAxis, Form, Law, Variable, varying
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import Panel
+from monitor_core.shown import Panel
 from monitor_core.uncertainty import Estimate
 from service.documents.explanation import explanation_document
 from service.documents.explanation_sentences import KEYS, NAMES, place_sentence, quoted_name, row_label, step_sentence

@@ -19,7 +19,7 @@ import numpy as np
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.comparison import AsMeasured, ChangedConditions, Layout, Panel
+from monitor_core.fitting.comparison import AsMeasured, ChangedConditions, Layout
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.conditions.settings import SettingTolerances, known_mass, setting_of
 from monitor_core.fitting.observations import ModalObservation, conditions_in_order
@@ -27,6 +27,7 @@ from monitor_core.fitting.residuals.natural_frequencies import assign_modes, mod
 from monitor_core.models.extended import AxisPhysics, Move, moving_mass
 from monitor_core.models.extended.modes import DriveModes, FollowedModes, omega_changes, with_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.shown import Panel
 
 #: Misfit of a frequency that no mode of the model comes near: as if it were a quarter too low.
 _MISSED = -math.log(0.75)

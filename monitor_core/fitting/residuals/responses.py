@@ -25,7 +25,6 @@ from monitor_core.fitting.comparison import (
     CommonErrors,
     GapInSigma,
     Layout,
-    Panel,
     amplitude_panels,
 )
 from monitor_core.fitting.conditions.settings import WARMER, SettingTolerances, fitted_still, known_mass, setting_of
@@ -44,6 +43,7 @@ from monitor_core.models.extended import (
 )
 from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.shown import Panel
 
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
 _LEAST_SIGNAL_TO_NOISE = 8.0

@@ -164,6 +164,26 @@ def simulate_session(
     the others; the same arguments give the same session. ``OutsideValidityError`` if the model refuses a condition or
     has no rigid-body mode, the moves do not fit into the windows or do not overcome the friction, or a sample does not
     fit into single precision.
+
+    Examples
+    --------
+    What is recorded of the axis of Nguyen et al. (2018) is judged to be what it was made of: its natural frequency.
+
+    >>> from datetime import UTC, datetime
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import monitor_core as mc
+    >>> from monitor_core import recordings
+    >>> from monitor_core.models.generator import SimulationSettings
+    >>> axis = recordings.read_model_file(Path("replay_data/models/lumped.toml")).build()
+    >>> at = mc.DriveConditions(0.5, preload=200.0)
+    >>> start, rng = datetime(2026, 3, 2, tzinfo=UTC), np.random.default_rng(1)
+    >>> session = mc.simulate_session(axis, [at], SimulationSettings(), axis_id="mill", started_at=start, rng=rng)
+    >>> mc.Trend(mc.judge_session(session, mc.AxisSettings(search_band=(150.0, 300.0))))
+    Trend of 1 measurements
+      first 208.8 Hz (208.8 to 208.8) on 2026-03-02, last 208.8 Hz (208.8 to 208.8) on 2026-03-02
+    >>> round(axis.natural_frequencies(at, mc.MotorEnd.PRESCRIBED)[1].frequency, 1)
+    208.8
     """
     measurements = simulate_measurements(model, conditions, settings, started_at=started_at, rng=rng)
     return Session(axis_id, tuple(window for windows in measurements for window in windows))

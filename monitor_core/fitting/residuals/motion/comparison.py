@@ -14,11 +14,12 @@ import numpy as np
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import AsMeasured, Layout, Panel, Setting, WithoutOtherConditions
+from monitor_core.fitting.comparison import AsMeasured, Layout, Setting, WithoutOtherConditions
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.residuals.motion.sampling import MotionSampling, force_noise, sampling_of
 from monitor_core.models.motion import Kinematics, MotionParameters, MotionPhysics, forces, kinematics_of
 from monitor_core.recording import ExcitationQuantity, MotionRecord
+from monitor_core.shown import Panel
 
 #: A way back that is shorter is a hesitation and no reversal, as a share of the whole way.
 _HESITATION = 0.01
