@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Query, Response
 
 from monitor_core.arrays import FloatArray
 from monitor_core.modal import GateReading
@@ -24,8 +24,9 @@ from service.operations.monitoring.evidence import Responses, evidence_of
 from service.operations.monitoring.trend import MeasurementView
 from service.report.line_chart import LOW_NARROW, LOW_WIDE, NARROW, WIDE, Curve, LinePicture, line_chart
 from service.report.svg import Frame
+from service.store.trend.points import Span
 from service.web.site import PageOf
-from service.web.trend_view import Charts, twice
+from service.web.trend_view import MOST_SHOWN, Charts, twice
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -64,12 +65,19 @@ class Rung:
 
 
 @router.get("/axes/{axis}/measurements/{measurement}", dependencies=[needs(Scope.TRENDS_READ)])
-def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: ServicesOf) -> Response:
-    """Show why a measurement has its value."""
+def measurement_page(
+    axis: AxisId,
+    measurement: RowId,
+    page: PageOf,
+    on: ServicesOf,
+    other: Annotated[int | None, Query(alias="with", ge=1, lt=2**63)] = None,
+) -> Response:
+    """Show why a measurement has its value; its response over the baseline's, or over that of another measurement."""
     view = on.trend.measurement(axis, measurement)
+    beside = None if other is None else on.trend.measurement(axis, other)  # of this axis, or refused
     measured = view.outcome or NOTHING_MEASURED
     evidence = evidence_of(on.database, on.waveforms, axis, view)
-    responses, ladder = evidence.responses(), evidence.ladder()
+    responses, ladder = evidence.responses(other), evidence.ladder()
     before, following = evidence.neighbours()
     return page.show(
         "measurement.html",
@@ -81,6 +89,8 @@ def measurement_page(axis: AxisId, measurement: RowId, page: PageOf, on: Service
         ladder=ladder,
         rungs=[] if ladder is None else _rungs(ladder, measured.variance_shares),
         pictures=response_pictures(page.words, responses, measured.frequency_hz),
+        beside=beside,
+        others=on.trend.at_resolution(axis, Span(), MOST_SHOWN).points[::-1],
         windows=_windows(view),
         drawn=window_pictures(page.words, responses.windows),
         let_go=view.let_go,
@@ -265,12 +275,15 @@ def _phase(response: FrequencyResponse) -> FloatArray:
 def _rows(measured: FrequencyResponse, baseline: FrequencyResponse | None) -> list[ResponseRow]:
     """Return lines at equal distances, that of the largest response among them."""
     size, phases = np.abs(measured.response), _phase(measured)
+    of_baseline = (
+        None if baseline is None else np.interp(measured.frequency, baseline.frequency, np.abs(baseline.response))
+    )
     chosen = {*np.linspace(0, size.size - 1, _ROWS).astype(int).tolist(), int(np.argmax(size))}
     return [
         ResponseRow(
             float(measured.frequency[i]),
             float(size[i]),
-            None if baseline is None else float(np.abs(baseline.response[i])),
+            None if of_baseline is None else float(of_baseline[i]),
             float(phases[i]),
             None if measured.coherence is None else float(measured.coherence[i]),
         )

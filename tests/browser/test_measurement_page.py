@@ -56,6 +56,30 @@ def test_it_says_what_the_value_rests_on(served: Site, visit: Visit) -> None:
     assert page.locator("#windows tbody tr").count() == 4
 
 
+@pytest.mark.parametrize("size", ["desk", "phone"])
+def test_two_measurements_lie_in_one_picture(served: Site, visit: Visit, size: str) -> None:
+    points = [each["measurement_id"] for each in served.api.trend("alarm", limit=100) if each["preload_n"] is not None]
+    newest, oldest = f"/axes/alarm/measurements/{points[-1]}", points[0]
+    page = visit(served.url, newest, size, "light")
+    choice = page.get_by_label("Over another measurement")
+    choice.select_option(str(oldest))
+    page.get_by_role("button", name="Compare").press("Enter")
+    page.wait_for_url(f"**{newest}?with={oldest}**")
+    expect(page.locator("#response .legend")).to_contain_text("Dashed: that of")
+    assert page.locator("#response .wide .curve.reference").count() == 3  # its coherence, too
+    assert choice.input_value() == str(oldest)
+    assert not violations(page)
+    assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+    page.locator("#response-table summary").click()
+    told = served.api.http.get(f"/v1/axes/alarm/measurements/{oldest}/evidence").json()["response"]
+    size_of_it = np.hypot(told["real"], told["imaginary"])
+    for row in page.locator("#response-table tbody tr").all():
+        hertz, _, other, *_ = (float(cell.rstrip("°")) for cell in row.locator("td").all_inner_texts())
+        assert other == pytest.approx(np.interp(hertz, told["frequency_hz"], size_of_it), rel=0.02)
+    page.get_by_role("link", name="over the baseline").click()
+    expect(page.locator("#response .legend")).to_contain_text("of the baseline at this place")
+
+
 def test_the_picked_mode_stands_where_the_response_is_largest(served: Site, visit: Visit) -> None:
     page = visit(served.url, path(served))
     picked, highest = page.locator("#response .wide svg").first.evaluate(

@@ -28,7 +28,8 @@ WRITES: tuple[str, ...] = (
 ELSEWHERE: tuple[str, ...] = (
     "monitor_core/__init__.py", "monitor_core/cross_checks.py", "monitor_core/discrepancy", "monitor_core/effects",
     "monitor_core/fitting", "monitor_core/models/extended", "monitor_core/models/generator",
-    "monitor_core/models/published", "monitor_core/recordings/effect_file.py", "service/api/health.py",
+    "monitor_core/models/published", "monitor_core/recordings/effect_file.py", "monitor_core/shown.py",
+    "service/api/health.py",
     "service/api/http/body.py", "service/api/http/observer.py", "service/api/http/samples.py",
     "service/api/http/tables.py", "service/api/trend_points.py", "service/api/windows.py",
     "service/documents/explanation_sentences.py", "service/operations/notices", "service/operations/trial",
@@ -38,7 +39,7 @@ _NOT_SAID = frozenset({
     "AssertionError", "TypeError", "Field", "debug", "info", "warning", "error", "exception", "compile", "text",
     "mapped_column", "APIRouter", "Query", "Body", "Header", "ConfigDict", "AttributeError", "cast", "removeprefix",
     "N_", "Said",
-    "__repr__", "description", "examples", "openapi_examples", "responses", "summary",
+    "__repr__", "_panels", "description", "examples", "openapi_examples", "responses", "summary",
 })  # fmt: skip
 #: What has blanks and is no sentence: commands, elements, headers.
 _NO_SENTENCE = re.compile(r"<|--|`?preload [a-z]+ [{A-Z-]|(user|key) [a-z]+|default-src |attachment;")

@@ -36,10 +36,10 @@ MOST_CALIBRATIONS = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Responses:
-    """The response of a measurement on all lines, and the mean of the baseline's at the same place."""
+    """The response of a measurement on all lines, and the mean of the baseline's at the same place, or another one."""
 
     measured: FrequencyResponse | None  # None: its waveforms are not there, or could not be averaged
-    baseline: FrequencyResponse | None
+    baseline: FrequencyResponse | None  # or that of the other measurement
     n_baseline: int
     band: tuple[float, float] | None  # where the mode is looked for [Hz]
     windows: tuple[Window, ...]  # that were averaged
@@ -103,8 +103,8 @@ class MeasurementEvidence:
             return None
         return preload_ladder(frequency, conditions, calibration, feature=outcome.preload_feature_s2)
 
-    def responses(self) -> Responses:
-        """Return the whole response, and that of the baseline at the same place."""
+    def responses(self, beside: int | None = None) -> Responses:
+        """Return the whole response, and the baseline's at the same place, or that of the measurement ``beside`` it."""
         windows = self.windows
         if not windows:
             return Responses(None, None, 0, None, ())
@@ -113,10 +113,19 @@ class MeasurementEvidence:
         measured = averaged_response(windows, lines)
         if isinstance(measured, Rejection):
             return Responses(None, None, 0, band, tuple(windows))
-        of_baseline = [
-            response for response in self._baseline(lines) if np.array_equal(response.frequency, measured.frequency)
-        ]
-        return Responses(measured, _mean(of_baseline), len(of_baseline), band, tuple(windows))
+        if beside is None:
+            others = [r for r in self._baseline(lines) if np.array_equal(r.frequency, measured.frequency)]
+        else:
+            others = [r for r in self._response_of(beside) if r.quantity == measured.quantity]
+        return Responses(measured, _mean(others), len(others), band, tuple(windows))
+
+    def _response_of(self, measurement_id: int) -> list[FrequencyResponse]:
+        """Return the whole response of another measurement, if its samples are there."""
+        windows = self._windows_of(measurement_id)
+        if not windows:
+            return []
+        answer = averaged_response(windows, whole_band(core_settings(self.configuration), windows[0]))
+        return [] if isinstance(answer, Rejection) else [answer]
 
     def judgements(self) -> list[OtherJudgement]:
         """Return what the newest calibrations say of the same windows; none where the waveforms are not there."""
