@@ -66,7 +66,7 @@ class Shown:
         raise NotImplementedError
 
 
-def acts(value: float | FloatArray) -> bool:
+def acts(value: float | NumberArray) -> bool:
     """Return whether a quantity is there: a number that is not null, or an array of such numbers."""
     return isinstance(value, np.ndarray) or bool(value)
 

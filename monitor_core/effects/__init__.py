@@ -4,7 +4,11 @@ Those of drives and of rigid axes in motion stand in a table each, ``drive_effec
 ports, units and wrong parameters are made for an axis.
 """
 
-from monitor_core.effects.catalogue import applicable_effects as applicable_effects, with_effects as with_effects
+from monitor_core.effects.catalogue import (
+    applicable_effects as applicable_effects,
+    second_axis_at as second_axis_at,
+    with_effects as with_effects,
+)
 from monitor_core.effects.drive_effects import DRIVE_EFFECTS as DRIVE_EFFECTS
 from monitor_core.effects.effect import (
     ConditionAxis as ConditionAxis,

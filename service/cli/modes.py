@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.effects import second_axis_at
 from monitor_core.models import DriveConditions, DriveModel, MotorEnd, NaturalFrequency
 from monitor_core.models.frequency_law import FrequencyLaw, frequency_law
 from monitor_core.models.state_space import Plant, relative_error
@@ -34,6 +35,10 @@ _FILES = {"matrix": "transfer matrix", "state-space": "state space"}
 @click.option(
     "--position-mm", "positions_mm", type=float, multiple=True, required=True, metavar="X…",
     help="Table positions from the fixed bearing.",
+)  # fmt: skip
+@click.option(
+    "--second-position-mm", "seconds_mm", type=float, multiple=True, metavar="Y…",
+    help="Table positions of a second axis, where the model states one; without it where it states it.",
 )  # fmt: skip
 @click.option("--preload-n", type=float, help="Where the nut's rigidity follows the preload.")
 @click.option("--payload-kg", type=float, default=0.0, show_default=True, help="On the table.")
@@ -65,6 +70,7 @@ _FILES = {"matrix": "transfer matrix", "state-space": "state space"}
 def modes(
     model: Path,
     positions_mm: tuple[float, ...],
+    seconds_mm: tuple[float, ...],
     preload_n: float | None,
     payload_kg: float,
     motor_end: str | None,
@@ -83,6 +89,8 @@ def modes(
     if band_hz is not None and show not in _FILES:
         raise click.UsageError("--band-hz goes with --show matrix or state-space")
     drive = built_model(model, effects_path)
+    stacks: list[tuple[float | None, DriveModel]] = [(y, second_axis_at(drive, metres(y))) for y in seconds_mm]
+    stacks = stacks or [(None, drive)]
     end = None if motor_end is None else MotorEnd(motor_end)
     conditions = [DriveConditions(metres(x), preload_n, payload_kg) for x in positions_mm]
     if show == "laws":
@@ -98,18 +106,26 @@ def modes(
         else:
             _show_state_space(plant, band, n_modes, out, as_json=as_json)
         return
-    modes_at_places = [
-        (x, drive.natural_frequencies(place, motor_end=end)) for x, place in zip(positions_mm, conditions, strict=True)
+    places = [
+        (x, y, [mode for mode in stack.natural_frequencies(place, motor_end=end) if mode.frequency > 0.0])
+        for y, stack in stacks
+        for x, place in zip(positions_mm, conditions, strict=True)
     ]
-    places = [(x, [mode for mode in modes if mode.frequency > 0.0]) for x, modes in modes_at_places]
     if as_json:
-        positions = [{"position_mm": x, "modes": [_document(mode) for mode in modes]} for x, modes in places]
+        positions = [
+            {
+                "position_mm": x,
+                **({} if y is None else {"second_position_mm": y}),
+                "modes": [_document(mode) for mode in modes],
+            }
+            for x, y, modes in places
+        ]
         print_json({"preload_n": preload_n, "payload_kg": payload_kg, "motor_end": motor_end, "positions": positions})
         return
     print_table(
         f"Modes of {model.name}",
         ("position", "mode", "frequency", "damping"),
-        [row for x, modes in places for row in _rows(x, modes)],
+        [row for x, y, modes in places for row in _rows(x, y, modes)],
     )
 
 
@@ -117,9 +133,10 @@ def _document(mode: NaturalFrequency) -> JsonObject:
     return {"frequency_hz": mode.frequency, "damping_ratio": mode.damping_ratio}
 
 
-def _rows(position_mm: float, modes: list[NaturalFrequency]) -> list[tuple[str, ...]]:
+def _rows(position_mm: float, second_mm: float | None, modes: list[NaturalFrequency]) -> list[tuple[str, ...]]:
+    place = f"{position_mm:.1f} mm" if second_mm is None else f"{position_mm:.1f} and {second_mm:.1f} mm"
     return [
-        (f"{position_mm:.1f} mm", str(number), f"{mode.frequency:.3f} Hz", f"{100 * mode.damping_ratio:.3f} %")
+        (place, str(number), f"{mode.frequency:.3f} Hz", f"{100 * mode.damping_ratio:.3f} %")
         for number, mode in enumerate(modes, start=1)
     ]
 

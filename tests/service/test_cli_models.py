@@ -49,6 +49,24 @@ def test_modes_of_every_family(preload: Any, name: str) -> None:
     assert f"{document['positions'][0]['modes'][0]['frequency_hz']:.3f} Hz" in table
 
 
+def test_modes_go_with_the_position_of_a_second_axis(preload: Any) -> None:
+    words = ("modes", MODELS / "cross-table.toml", "--position-mm", 600)
+    stated = preload(*words, "--json").json()["positions"]
+    places = preload(*words, "--second-position-mm", 300, 700, "--json").json()["positions"]
+    assert [(place["position_mm"], place["second_position_mm"]) for place in places] == [(600.0, 300.0), (600.0, 700.0)]
+    assert places[0]["modes"] == stated[0]["modes"]
+    assert "second_position_mm" not in stated[0]
+    of_axis = [place["modes"][1]["frequency_hz"] for place in places]
+    assert of_axis[1] - of_axis[0] > 0.5
+    table = preload(*words, "--second-position-mm", 700).out
+    assert "600.0 and 700.0 mm" in table
+    assert f"{of_axis[1]:.3f} Hz" in table
+    assert_refused(
+        preload("modes", MODELS / "receptance.toml", "--position-mm", 600, "--second-position-mm", 300),
+        "a second axis at 0.3 m needs a model that states one",
+    )
+
+
 def test_modes_of_a_model_with_an_effect_of_ones_own(preload: Any, tmp_path: Path) -> None:
     """A bearing that is half as stiff at 400 mm as at 200 mm, as a law in a file, lowers the modes there alone."""
     law = varying("joints", "bearing_stiffness", Law(Variable.POSITION, Form.LINEAR, 0.2, 0.2), key="bearing-along")

@@ -21,6 +21,7 @@ from monitor_core.models.extended.physics import (
     Move as Move,
     ScrewBending as ScrewBending,
     ScrewPhysics as ScrewPhysics,
+    SecondAxis as SecondAxis,
     moving_mass as moving_mass,
 )
 from monitor_core.models.extended.responses import responses as responses

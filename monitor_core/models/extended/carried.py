@@ -20,12 +20,13 @@ A force at the table moves that by :math:`d [C' e + c_s (e + C' n)]/N`. (Den Har
 for the absorber; the chain is two springs and two bodies.)
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray, NumberArray, acts
-from monitor_core.models.extended.physics import AddedPhysics
+from monitor_core.models.extended.physics import AddedPhysics, SecondAxis
 
 _Function = NumberArray | float  # a plain number where it is that at every frequency
 
@@ -87,25 +88,82 @@ class Reached:
     nut_per_travel: NumberArray  # [-]
 
 
-def carried_by_contacts(added: AddedPhysics, omega: NumberArray, bracket: NumberArray, table: NumberArray) -> Carried:
+def carried_by_contacts(
+    added: AddedPhysics, omega: NumberArray, bracket: NumberArray, table: NumberArray, table_pole: _Function = 1.0
+) -> Carried:
     """Return what the contacts carry, given bracket and table of a drive without nut mass and absorbers."""
     if not (acts(added.nut_mass) or acts(added.table_absorber_mass) or acts(added.nut_absorber_mass)):
-        return Carried(bracket, table)
+        return Carried(bracket, table, table_pole)
     squared = omega * omega
-    d: NumberArray = 1.0 + 0.0 * squared
-    e: NumberArray = d
-    z, n = table + squared * added.nut_mass, -squared * added.nut_mass
+    e: NumberArray = 1.0 + 0.0 * squared
+    d: NumberArray = table_pole * e
+    z, n = table + squared * added.nut_mass * d, -squared * added.nut_mass
     if acts(added.table_absorber_mass):
-        d, load = absorber(
+        own, load = absorber(
             omega, added.table_absorber_mass, added.table_absorber_frequency, added.table_absorber_damping_ratio
         )
-        z = z * d + load
+        z, d = z * own + load * d, d * own
     if acts(added.nut_absorber_mass):
         e, load = absorber(
             omega, added.nut_absorber_mass, added.nut_absorber_frequency, added.nut_absorber_damping_ratio
         )
         n = n * e + load
     return Carried(bracket, z, d, n, e)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlidingBody:
+    r"""The table of the lower of two axes, sliding and yawing, with what the upper one adds across its own direction.
+
+    Of its dynamic stiffness B, 2 x 2 in travel and yaw, of the arm p of its own nut and the arm w of the upper screw,
+
+    .. math:: \beta = \det B, \quad P = p^T \mathrm{adj}B\,p, \quad W = w^T \mathrm{adj}B\,w, \quad
+              V = w^T \mathrm{adj}B\,p, \quad X = (p \times w)^2
+
+    With the stiffness n/d of the upper axis at its base, the lower nut meets :math:`(\beta d + W n)/(P d + X n)`; with
+    n/d that of the lower drive at its nut, the upper axis stands on :math:`(\beta d + P n)/(W d + X n)`. (The
+    determinant of B with two terms of rank one, written out.)
+    """
+
+    determinant: NumberArray  # β
+    at_nut: _Function  # P
+    at_base: _Function  # W
+    across: _Function  # V
+    twist: float  # X
+
+    def met_by_nut(self, n: NumberArray, d: NumberArray) -> tuple[NumberArray, NumberArray]:
+        """Return numerator and denominator of what the lower nut meets, given those of the upper axis at its base."""
+        return self.determinant * d + self.at_base * n, self.at_nut * d + self.twist * n
+
+    def met_by_base(self, n: NumberArray, d: NumberArray) -> tuple[NumberArray, NumberArray]:
+        """Return those of what the upper axis stands on, given those of the lower drive at its nut."""
+        return self.determinant * d + self.at_nut * n, self.at_base * d + self.twist * n
+
+
+def sliding_body(
+    second: SecondAxis, omega: NumberArray, table: NumberArray, moments: tuple[NumberArray, NumberArray, NumberArray]
+) -> SlidingBody:
+    """Return the lower table, given its own dynamic stiffness and mass, first and second moment of what slides on it.
+
+    The moments are along the upper screw, about the centre of the guides.
+    """
+    cosine, sine = second.direction_cosine, math.sqrt(1.0 - second.direction_cosine**2)
+    mass, first, square = moments
+    squared = omega * omega
+    travel = table - squared * sine**2 * mass
+    if math.isinf(second.yaw_stiffness):
+        return SlidingBody(travel, 1.0, cosine**2, cosine, 0.0)
+    mixed = squared * sine * first
+    damper = 1j * second.yaw_damping * omega if second.yaw_damping else 0.0
+    yaw: NumberArray = second.yaw_stiffness + damper - squared * (second.yaw_inertia + square)
+    e, a = -second.lower_offset, -second.upper_offset
+    return SlidingBody(
+        travel * yaw - mixed * mixed,
+        yaw - 2.0 * e * mixed + e * e * travel,
+        cosine**2 * yaw - 2.0 * cosine * a * mixed + a * a * travel,
+        cosine * yaw - (cosine * e + a) * mixed + a * e * travel,
+        (a - cosine * e) ** 2,
+    )
 
 
 def absorber(

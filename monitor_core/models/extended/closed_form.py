@@ -20,21 +20,24 @@ other numbers.
 Where the nut has a mass of its own before the bracket, or something hangs on nut or table, the contacts carry more than
 a table; :mod:`monitor_core.models.extended.carried` says what. What hangs on the rotor or on the far end of the screw
 has a dynamic stiffness Z/d in parallel with theirs, and all of its part is multiplied out with d. A screw that bends
-under the force in the nut is one more compliance in series with B/A (:mod:`monitor_core.models.extended.bending`).
+under the force in the nut is one more compliance in series with B/A (:mod:`monitor_core.models.extended.bending`). A
+second axis is one more substructure, which the table carries, or which the bearings stand on.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray, NumberArray, acts, reciprocal
+from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.bending import yielding
-from monitor_core.models.extended.carried import Carried, absorber, carried_by_contacts
-from monitor_core.models.extended.conditions import AxisStates, EndMasks
+from monitor_core.models.extended.carried import Carried, SlidingBody, absorber, carried_by_contacts, sliding_body
+from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.memory import Memory, recall
-from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, JointPhysics
+from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, JointPhysics, SecondAxis
 from monitor_core.models.extended.traced import Traced, cosine_of_square, sinc_of_square
+from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.rod import RodWaves
 
 #: Where springs with a causal loss factor have their stated stiffness: near a drive's first axial mode. [rad/s]
@@ -105,6 +108,12 @@ class _Drive:
     states: AxisStates  # of each line
 
 
+#: What bearings stand on has the stiffness held/gives: the ground, or nothing at all.
+_Base = tuple[NumberArray | float, NumberArray | float]
+_GROUND: _Base = (1.0, 0.0)
+_NOTHING: _Base = (0.0, 1.0)
+
+
 def entire_parts(
     physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks, memory: Memory | None = None
 ) -> EntireParts:
@@ -112,22 +121,112 @@ def entire_parts(
 
     A ``memory`` is one of these lines, with these ends; what it gives back is the same to the last bit.
     """
-    joints, bodies, added = physics.joints, physics.bodies, physics.added
+    joints, added = physics.joints, physics.added
     elastic = _elastic(joints, omega) * states.softening
     bracket = (1.0 / joints.bracket_stiffness + added.series_compliance) / elastic
-    table = added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping)
+    table = _table(physics, omega, states)
+    table_pole: NumberArray | float = 1.0
+    base = _GROUND
+    if physics.second is not None:
+        stack = stack_of(physics.second, physics, omega, states)
+        if physics.second.carried:
+            table, table_pole = stack.table
+        else:
+            base = stack.base
     here = _Drive(physics, states)
-    axial, axial_yield = recall(memory, _axial, here, omega, memory)
-    if acts(physics.bending.compliance):  # one more in series: B/A + y/d
-        d, y = recall(memory, _bending, here, omega)
-        axial, axial_yield = axial * d, axial_yield * d + axial * y
     return EntireParts(
-        axial,
-        axial_yield,
+        *_screw(here, omega, base, memory),
         *recall(memory, _torsion, here, omega, ends, memory),
         nut=states.nut_stiffness * elastic + _damper(omega, joints.nut_damping),
-        carried=carried_by_contacts(added, omega, bracket, table),
+        carried=carried_by_contacts(added, omega, bracket, table, table_pole),
     )
+
+
+def _table(physics: AxisPhysics, omega: NumberArray, states: AxisStates) -> NumberArray:
+    """Return the dynamic stiffness of the table alone."""
+    table: NumberArray = physics.added.guide_stiffness - omega * omega * states.moving_mass
+    return table + _damper(omega, physics.bodies.table_damping)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stack:
+    """Where the second of two stacked axes meets the table that slides under the upper one; shape (n_lines,)."""
+
+    second: SecondAxis
+    states: AxisStates  # of the second
+    ends: EndMasks
+    parts: EntireParts  # of the second, its base held; the lower one carries that table
+    body: SlidingBody
+    n: NumberArray  # n/d: stiffness of the second where it meets that table
+    d: NumberArray
+
+    @property
+    def table(self) -> tuple[NumberArray, NumberArray | float]:
+        """What the nut of the lower axis meets: numerator and denominator."""
+        return (self.body.determinant, 1.0) if self.second.is_alone else self.body.met_by_nut(self.n, self.d)
+
+    @property
+    def base(self) -> _Base:
+        """What the upper axis stands on, likewise."""
+        return _GROUND if self.second.is_alone else self.body.met_by_base(self.n, self.d)
+
+
+def stack_of(second: SecondAxis, physics: AxisPhysics, omega: NumberArray, states: AxisStates) -> Stack:
+    """Return how an axis meets its second one; arguments as :func:`entire_parts`."""
+    axis, line = second.physics, np.zeros(np.shape(omega), dtype=np.intp)
+    there = axis_states(axis, condition_arrays([DriveConditions(second.position)])).at(line)
+    ends = end_masks([MotorEnd.FREE]).at(line)
+    parts = entire_parts(axis, omega, there, ends)
+    if second.carried:
+        body = sliding_body(second, omega, _table(physics, omega, states), _moments(second, axis, there))
+        axial, axial_yield = _screw(_Drive(axis, there), omega, _NOTHING, None)
+        free = replace(parts, axial=axial, axial_yield=axial_yield)
+        return Stack(second, there, ends, parts, body, characteristic(free), characteristic(parts))
+    body = sliding_body(second, omega, parts.carried.table, _moments(second, physics, states))
+    drive = parts.nut * parts.axial * parts.torsion
+    yields = parts.axial_yield * parts.torsion + parts.turning * parts.axial
+    series = parts.axial * parts.torsion + parts.nut * yields + parts.carried.bracket * drive
+    parts = replace(parts, carried=Carried(parts.carried.bracket, body.determinant, body.at_nut))
+    return Stack(second, there, ends, parts, body, drive, series)
+
+
+def _moments(
+    second: SecondAxis, upper: AxisPhysics, states: AxisStates
+) -> tuple[NumberArray, NumberArray, NumberArray]:
+    """Return mass, first and second moment of what the lower table carries along the upper screw [kg, kg·m, kg·m²]."""
+    screw = upper.screw
+    at = states.position - second.upper_centre
+    middle = 0.5 * screw.length - second.upper_centre
+    table, rod = (
+        states.moving_mass + screw.nut_segment_mass,
+        screw.axial_mass_share * screw.mass_per_length * screw.length,
+    )
+    return (
+        table + rod,
+        table * at + rod * middle,
+        table * at * at + rod * (middle * middle + screw.length * screw.length / 12.0),
+    )
+
+
+def second_table_per_force(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> NumberArray:
+    """Return how far the table of a second axis that this one carries goes per force at this table [m/N]."""
+    if physics.second is None or not physics.second.carried:
+        raise OutsideValidityError("a cross receptance is that of an axis that carries a second one; this one has none")
+    stack = stack_of(physics.second, physics, omega, states)
+    here = receptances_of(path_of(entire_parts(physics, omega, states, ends)))
+    rods = _rods(_Drive(stack.second.physics, stack.states), omega, None)
+    through = rods.near_bearing * rods.far_end + rods.far_bearing * rods.far.scale * rods.near_end  # base to nut
+    follows: NumberArray = stack.body.across * through * stack.parts.nut * stack.parts.torsion / stack.table[1]
+    return here.table_per_force * follows
+
+
+def _screw(drive: _Drive, omega: NumberArray, base: _Base, memory: Memory | None) -> tuple[NumberArray, NumberArray]:
+    """Return A and B of the screw on a base."""
+    axial, axial_yield = recall(memory, _axial, drive, omega, base, memory)
+    if acts(drive.physics.bending.compliance):  # one more in series: B/A + y/d
+        d, y = recall(memory, _bending, drive, omega)
+        axial, axial_yield = axial * d, axial_yield * d + axial * y
+    return axial, axial_yield
 
 
 def _bending(drive: _Drive, omega: NumberArray) -> tuple[NumberArray, NumberArray]:
@@ -138,18 +237,24 @@ def _bending(drive: _Drive, omega: NumberArray) -> tuple[NumberArray, NumberArra
 
 def axial_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates) -> tuple[NumberArray, NumberArray]:
     """Return A and B of a screw that does not bend."""
-    return _axial(_Drive(physics, states), omega, None)
+    second = physics.second
+    base = _GROUND if second is None or second.carried else stack_of(second, physics, omega, states).base
+    return _axial(_Drive(physics, states), omega, base, None)
 
 
-def _axial(drive: _Drive, omega: NumberArray, memory: Memory | None) -> tuple[NumberArray, NumberArray]:
-    r"""Return A and B: both rods in parallel at the nut, each held by its bearing, the bearings held by the base.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rods:
+    """Both rods with their bearings; shape (n_lines,)."""
 
-    Of a rod and its bearing κ, the dynamic stiffness between nut (n) and base (b), all over :math:`e = c + \kappa s`:
-    :math:`k_{nn} = (\kappa c - z)/e,\; k_{nb} = \kappa/e,\; k_{bb} = \kappa c/e`. What hangs on its end, of stiffness
-    Z, makes that :math:`e = c + (\kappa + Z) s`, :math:`k_{nn} = ((\kappa + Z) c - z)/e` and
-    :math:`k_{bb} = \kappa (c + Z s)/e`. On a base of stiffness :math:`g/c_b` the sums over both rods leave
-    :math:`k_{nn} - k_{nb}^2/(g/c_b + k_{bb})` at the nut.
-    """
+    near: RodWaves[Any]
+    far: _FarRod
+    near_bearing: NumberArray  # [N/m]
+    far_bearing: NumberArray
+    near_end: NumberArray  # e
+    far_end: NumberArray
+
+
+def _rods(drive: _Drive, omega: NumberArray, memory: Memory | None) -> _Rods:
     physics, states = drive.physics, drive.states
     screw, joints, added, position = physics.screw, physics.joints, physics.added, states.position
     elastic = _elastic(joints, omega) * states.softening
@@ -161,20 +266,37 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory | None) -> tuple[Nu
     near, unloaded = recall(memory, _waves_of_both, omega, *rods)
     far = _with_load_at_end(added, unloaded, omega)
     near_end = near.cosine + near_bearing * near.sine_over_z
-    far_end = far.at_end + far_bearing * far.sine_over_z
-    segment = omega * omega * screw.nut_segment_mass
+    return _Rods(near, far, near_bearing, far_bearing, near_end, far.at_end + far_bearing * far.sine_over_z)
+
+
+def _axial(drive: _Drive, omega: NumberArray, under: _Base, memory: Memory | None) -> tuple[NumberArray, NumberArray]:
+    r"""Return A and B: both rods in parallel at the nut, each held by its bearing, the bearings held by the base.
+
+    Of a rod and its bearing κ, the dynamic stiffness between nut (n) and base (b), all over :math:`e = c + \kappa s`:
+    :math:`k_{nn} = (\kappa c - z)/e,\; k_{nb} = \kappa/e,\; k_{bb} = \kappa c/e`. What hangs on its end, of stiffness
+    Z, makes that :math:`e = c + (\kappa + Z) s`, :math:`k_{nn} = ((\kappa + Z) c - z)/e` and
+    :math:`k_{bb} = \kappa (c + Z s)/e`. On a base of stiffness :math:`g/c_b` the sums over both rods leave
+    :math:`k_{nn} - k_{nb}^2/(g/c_b + k_{bb})` at the nut.
+    """
+    added, rods = drive.physics.added, _rods(drive, omega, memory)
+    near, far, near_bearing, far_bearing = rods.near, rods.far, rods.near_bearing, rods.far_bearing
+    near_end, far_end = rods.near_end, rods.far_end
+    segment = omega * omega * drive.physics.screw.nut_segment_mass
     near_base, far_base = near_bearing * near.cosine, far_bearing * far.at_end
     near_nut, far_nut = near_base - near.z_sine, far_bearing * far.at_nut - far.z_sine
     stiffness = near_nut * far_end + near_end * (far_nut - segment * far_end)
-    if not acts(added.base_compliance):
+    held, gives = under
+    if acts(added.base_compliance):
+        ratio = omega / (2.0 * np.pi * added.base_frequency)
+        own = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
+        held, gives = own * held, own * gives + added.base_compliance * held
+    if not acts(gives):
         return stiffness, near_end * far_end
-    ratio = omega / (2.0 * np.pi * added.base_frequency)
-    base = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
     on_base = near_base * far_end + near_end * far_base
     # (Σk_nn Σk_bb − (Σk_nb)²) e e', in which c² + s z = 1 has cancelled one e e'
     both = near_nut * far_base + far_nut * near_base - 2.0 * near_bearing * far_bearing * far.scale - segment * on_base
     both = both - near_bearing * near.z_sine * far_end - far_bearing * far.z_sine * near_end
-    return stiffness * base + added.base_compliance * both, near_end * far_end * base + added.base_compliance * on_base
+    return stiffness * held + gives * both, near_end * far_end * held + gives * on_base
 
 
 def _with_load_at_end(added: AddedPhysics, far: RodWaves[Any], omega: NumberArray) -> _FarRod:

@@ -7,10 +7,10 @@ from functools import cache
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, NumberArray
+from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.ball_screw import BallScrew
-from monitor_core.models.extended.closed_form import entire_parts, path_of, receptances_of
+from monitor_core.models.extended.closed_form import entire_parts, path_of, receptances_of, second_table_per_force
 from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.lines import ResponseCase, prepare_lines
 from monitor_core.models.extended.modes import drive_modes, has_rigid_body_mode, natural_frequencies, with_damping
@@ -124,6 +124,14 @@ class ExtendedModel:
         lines = prepare_lines([ResponseCase(frequency, conditions, excitation, response, motor_end)])
         return FrequencyResponse(frequency, responses(self.physics, lines), quantity_of(excitation, response))
 
+    def second_table_per_force(self, frequency: FloatArray, conditions: DriveConditions) -> ComplexArray:
+        """Return how far the table of a second axis that this one carries goes per force at this table [m/N]."""
+        omega = 2.0 * np.pi * require_frequencies(frequency)
+        line = np.zeros(omega.size, dtype=np.intp)
+        states = axis_states(self.physics, condition_arrays([conditions])).at(line)
+        ends = end_masks([paper_motor_end(self.parameters)]).at(line)
+        return np.asarray(second_table_per_force(self.physics, omega, states, ends), dtype=np.complex128)
+
     def natural_frequencies(
         self, conditions: DriveConditions, motor_end: MotorEnd | None = None
     ) -> tuple[NaturalFrequency, ...]:
@@ -140,6 +148,7 @@ class ExtendedModel:
     def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
         """Return the undamped modes for small signals; nothing of ``_NOT_IN_MODES`` must have been added."""
         excluded = [name for name in _NOT_IN_MODES if getattr(self.physics.added, name)]
+        excluded += ["a second axis"] if self.physics.second is not None else []
         if excluded:
             raise OutsideValidityError(
                 f"normal modes cannot include {excluded[0]}; use the frequency response, or leave that effect out"

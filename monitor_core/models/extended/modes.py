@@ -273,9 +273,13 @@ def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
     screw, bending = scaled_damping(physics.screw, share), with_share_of(physics.bending, ("damping_ratio",), share)
     added = with_share_of(physics.added, _RATIOS, share)
     before = (physics.joints, physics.bodies, physics.screw, physics.bending, physics.added)
-    if all(part is same for part, same in zip((joints, bodies, screw, bending, added), before, strict=True)):
+    second = physics.second
+    if second is not None:
+        yaw = share * second.yaw_damping
+        second = replace(second, physics=with_damping(second.physics, share), yaw_damping=yaw)
+    elif all(part is same for part, same in zip((joints, bodies, screw, bending, added), before, strict=True)):
         return physics
-    return replace(physics, joints=joints, bodies=bodies, screw=screw, bending=bending, added=added)
+    return replace(physics, joints=joints, bodies=bodies, screw=screw, bending=bending, added=added, second=second)
 
 
 def _undamped(drives: Drives, highest: float, near: Sequence[FloatArray] | None) -> tuple[FloatArray, Index]:

@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from monitor_core.arrays import acts
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.parameters import transmission_ratio
 from monitor_core.models.published.receptance.parameters import JointParameters
@@ -198,6 +199,43 @@ class ScrewBending:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SecondAxis:
+    """The other axis of two that are stacked, its motor free to turn: it stands on this one's table, or this on its.
+
+    The table of the lower one slides on its guides and, where they yield, yaws about their centre: the table of the
+    upper one, which it carries along and across, is then the farther out the farther it is driven. Lateral offsets of
+    screws count to the left of their directions, that of the upper one being to the left of the lower one's.
+    """
+
+    physics: "AxisPhysics"
+    carried: bool  # it is the upper one
+    position: float  # of its table from its fixed bearing [m]
+    direction_cosine: float = 1.0  # of the angle between both axes; 1: parallel, 0: at right angles [-]
+    yaw_stiffness: float = math.inf  # of the guides of the lower one [N·m/rad]
+    yaw_damping: float = 0.0  # [N·m·s/rad]
+    yaw_inertia: float = 0.0  # of the lower table with what it carries that does not slide, about that centre [kg·m²]
+    lower_offset: float = 0.0  # of the lower screw from that centre [m]
+    upper_offset: float = 0.0  # of the upper screw [m]
+    upper_centre: float = 0.0  # position of the upper table at which it is over that centre [m]
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.position < self.physics.screw.length:
+            raise OutsideValidityError(
+                f"position must lie on the screw, within 0 and {self.physics.screw.length} m; got {self.position} m"
+            )
+        _require_not_negative(self, "direction_cosine", "yaw_damping", "yaw_inertia")
+        if self.direction_cosine > 1.0:
+            raise OutsideValidityError(f"direction_cosine must lie within 0 and 1; got {self.direction_cosine}")
+        if math.isfinite(self.yaw_stiffness):
+            _require_positive(self, "yaw_stiffness", "yaw_inertia")
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether neither axis moves the other: at right angles on guides that do not yield."""
+        return self.direction_cosine == 0.0 and math.isinf(self.yaw_stiffness)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSetting:
     """How an axis is set while it is measured, as far as its physics may depend on it."""
 
@@ -218,8 +256,20 @@ class AxisPhysics:
     bodies: BodyPhysics
     added: AddedPhysics = field(default_factory=AddedPhysics)
     bending: ScrewBending = field(default_factory=ScrewBending)
+    second: SecondAxis | None = None
     #: What depends on how the axis is set, in order: each returns the axis as it is there.
     by_setting: "tuple[Callable[[AxisPhysics, AxisSetting], AxisPhysics], ...]" = ()
+
+    def __post_init__(self) -> None:
+        if self.second is None:
+            return
+        upper = self.second.physics if self.second.carried else self
+        to_ground = upper.bodies.table_damping, upper.added.guide_stiffness, upper.added.guide_friction
+        if any(map(acts, to_ground)) or (upper is self and acts(self.added.base_compliance)):
+            raise OutsideValidityError(
+                "an axis that stands on another one must have no table damping, guide stiffness, guide friction or "
+                "base compliance, which act to the ground"
+            )
 
     def at(self, index: npt.NDArray[np.intp]) -> "AxisPhysics":
         """Return the axis repeated for lines that belong to the conditions of this index: it is the same in all."""

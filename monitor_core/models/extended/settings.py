@@ -27,6 +27,7 @@ from monitor_core.models.extended.physics import (
     JointPhysics,
     ScrewBending,
     ScrewPhysics,
+    SecondAxis,
 )
 
 _Index = npt.NDArray[np.intp]
@@ -54,7 +55,7 @@ class AxesSideBySide(AxisPhysics):
 
     def at(self, index: _Index) -> "AxesSideBySide":
         """Return the axes repeated for lines that belong to the conditions of this index."""
-        return _assembled({name: _repeated(getattr(self, name), index) for name in RECORDS})
+        return _assembled({name: _repeated(getattr(self, name), index) for name in RECORDS}, self.second)
 
 
 def alike_in_terms(axes: Sequence[AxisPhysics]) -> list[_Index]:
@@ -79,7 +80,7 @@ def side_by_side(axes: Sequence[AxisPhysics]) -> AxisPhysics:
         )
     if all(records[name] is getattr(axes[0], name) for name in records):
         return axes[0]
-    return _assembled(records)
+    return _assembled(records, axes[0].second)
 
 
 def numbers_of(axes: Sequence[AxisPhysics]) -> FloatArray:
@@ -120,10 +121,10 @@ def with_values(record: Record, values: Mapping[str, object]) -> Record:
     return changed
 
 
-def _assembled(records: Mapping[str, object]) -> AxesSideBySide:
+def _assembled(records: Mapping[str, object], second: SecondAxis | None) -> AxesSideBySide:
     """Return axes of these records, which depend on settings no more."""
     axes = object.__new__(AxesSideBySide)
-    for name, record in (*records.items(), ("by_setting", ())):
+    for name, record in (*records.items(), ("second", second), ("by_setting", ())):
         object.__setattr__(axes, name, record)
     return axes
 

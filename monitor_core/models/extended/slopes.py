@@ -134,7 +134,7 @@ class _Drive:
             record, name = NUMBERS[number]
             traced[number] = Traced(getattr(records[record], name))
             records[record] = with_values(records[record], {name: traced[number]})
-        axis = AxisPhysics(**records)
+        axis = AxisPhysics(**records, second=on_drive.second)
         states = axis_states(axis, lines.conditions.at(drive.case))
         path = path_of(entire_parts(axis, drive.omega, states, drive.ends))
         values = np.empty(lines.omega.size, dtype=np.complex128)
