@@ -54,6 +54,11 @@ VERSION = 1
 _IN_ASCII = str.maketrans("·²", ".2")
 EXCITATION_UNIT = {quantity: quantity.unit.translate(_IN_ASCII) for quantity in ExcitationQuantity}
 RESPONSE_UNIT = {quantity: quantity.unit.translate(_IN_ASCII) for quantity in ResponseQuantity}
+_IN_NAMES = str.maketrans({"·": "", "/": "_", "²": "2"})
+#: How the name of a column or of a key ends, ``m_s2``.
+UNIT_IN_NAMES: dict[ExcitationQuantity | ResponseQuantity, str] = {
+    quantity: quantity.unit.lower().translate(_IN_NAMES) for quantity in (*ExcitationQuantity, *ResponseQuantity)
+}
 _ROOT_ATTRIBUTES = frozenset(("format", "version", "axis_id", "description", "created"))
 _WINDOW_ATTRIBUTES = frozenset((
     "sample_rate_hz", "excitation_quantity", "excitation_unit", "excitation_source", "response_quantity",

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import click
 
 from monitor_core.modal import ModalMeasurement
-from monitor_core.recording import ExcitationQuantity, Rejection
+from monitor_core.recording import Rejection
 from monitor_core.recordings.calibration_file import EXCITATION_LEVEL_UNITS
 from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.recordings.session_hdf5 import UNIT_IN_NAMES
 from monitor_core.session import (
     MeasuredModes,
     SessionMeasurement,
@@ -38,13 +39,6 @@ if TYPE_CHECKING:
     from monitor_core.response_modes import ModesAtConditions
 
 _MOST_MODES = 30
-#: Units in the name of the rms excitation.
-_ENDINGS = {
-    ExcitationQuantity.TORQUE: "nm",
-    ExcitationQuantity.FORCE: "n",
-    ExcitationQuantity.CURRENT: "a",
-    ExcitationQuantity.ACCELERATION: "m_s2",
-}
 
 
 @click.command()
@@ -114,7 +108,7 @@ def _outcome_document(outcome: ModalMeasurement | Rejection, remark: str | None)
     return {
         "refused": False,
         **modal_document(outcome),
-        f"excitation_rms_{_ENDINGS[quantity]}": outcome.excitation_rms,
+        f"excitation_rms_{UNIT_IN_NAMES[quantity]}": outcome.excitation_rms,
         "excitation_quantity": str(quantity),
         "excitation_source": str(outcome.excitation_source),
         "response_quantity": str(outcome.response_quantity),

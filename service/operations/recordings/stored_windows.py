@@ -5,14 +5,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from io import BufferedReader
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 
 from monitor_core.arrays import SampleArray
-from monitor_core.recording import ExcitationQuantity, ResponseQuantity, Session, Window
-from monitor_core.recordings.session_hdf5 import write_session
+from monitor_core.recording import ExcitationQuantity, Session, Window
+from monitor_core.recordings.session_hdf5 import UNIT_IN_NAMES, write_session
 from service.errors import UnknownResourceError
 from service.store import measurements
 from service.store.database import Database
@@ -25,22 +24,6 @@ from service.store.window_format import size_of
 LONGEST_ROW_BYTES = 156
 _ROWS_AT_ONCE = 4096
 _AT_ONCE = 2**20
-_EXCITATION_COLUMN = {
-    ExcitationQuantity.TORQUE: "torque_nm",
-    ExcitationQuantity.FORCE: "force_n",
-    ExcitationQuantity.CURRENT: "current_a",
-    ExcitationQuantity.ACCELERATION: "commanded_acceleration_m_s2",
-}
-_RESPONSE_COLUMN = {
-    ResponseQuantity.ACCELERATION: "acceleration_m_s2",
-    ResponseQuantity.VELOCITY: "velocity_m_s",
-    ResponseQuantity.DISPLACEMENT: "displacement_m",
-    ResponseQuantity.MOTOR_ANGLE: "motor_angle_rad",
-    ResponseQuantity.MOTOR_SPEED: "motor_speed_rad_s",
-    ResponseQuantity.RELATIVE_DISPLACEMENT: "relative_displacement_m",
-}
-#: What only some windows have samples of.
-_FURTHER_COLUMNS = {"position_m": attrgetter("position_trace"), "reference": attrgetter("reference")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,26 +114,31 @@ def _write_table(path: Path, windows: Sequence[Window], first_number: int) -> No
 
 def _rows(windows: Sequence[Window], first_number: int) -> Iterator[bytes]:
     """Yield the header and the rows; a column that a window has no samples for is empty there."""
-    excitations = list(dict.fromkeys(window.excitation_quantity for window in windows))
-    responses = list(dict.fromkeys(window.response_quantity for window in windows))
-    further = {name: of for name, of in _FURTHER_COLUMNS.items() if any(of(window) is not None for window in windows)}
-    names = ["window", "time_s", *(_EXCITATION_COLUMN[quantity] for quantity in excitations)]
-    names += [_RESPONSE_COLUMN[quantity] for quantity in responses]
-    yield (",".join([*names, *further]) + "\n").encode()
+    signals = zip(*map(_signals, windows), strict=True)
+    names = list(dict.fromkeys(name for signal in signals for name, samples in signal if samples is not None))
+    yield (",".join(["window", "time_s", *names]) + "\n").encode()
     for number, window in enumerate(windows, start=first_number):
+        held = dict(_signals(window))
         for begin in range(0, window.n_samples, _ROWS_AT_ONCE):
             part = slice(begin, min(begin + _ROWS_AT_ONCE, window.n_samples))
             length = part.stop - part.start
-            empty = [""] * length
             columns = [[str(number)] * length, _texts(np.arange(part.start, part.stop) / window.sample_rate)]
-            for quantity in excitations:
-                columns.append(_texts(window.excitation[part]) if quantity is window.excitation_quantity else empty)
-            for response in responses:
-                columns.append(_texts(window.response[part]) if response is window.response_quantity else empty)
-            for of in further.values():
-                samples = of(window)
-                columns.append(empty if samples is None else _texts(samples[part]))
+            for name in names:
+                samples = held.get(name)
+                columns.append([""] * length if samples is None else _texts(samples[part]))
             yield "".join(",".join(row) + "\n" for row in zip(*columns, strict=True)).encode()
+
+
+def _signals(window: Window) -> list[tuple[str, SampleArray | None]]:
+    """Return the columns of a window, and their samples."""
+    excited, answers = window.excitation_quantity, window.response_quantity
+    commanded = "commanded-" if excited is ExcitationQuantity.ACCELERATION else ""
+    return [
+        (f"{commanded}{excited}_{UNIT_IN_NAMES[excited]}".replace("-", "_"), window.excitation),
+        (f"{answers}_{UNIT_IN_NAMES[answers]}".replace("-", "_"), window.response),
+        ("position_m", window.position_trace),
+        ("reference", window.reference),
+    ]
 
 
 def _texts(values: SampleArray) -> list[str]:

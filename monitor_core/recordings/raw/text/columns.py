@@ -155,11 +155,7 @@ def _read_plain(path: Path, watch: Watch | None = None) -> Channels:
     if not any(line.strip() for line in rows.ahead(1)):
         raise RecordingFormatError(f"{path.name}, row {rows.row}: expected numbers under the header; got none")
     form = TableForm(tuple(names), separator, blanks=pairs is not None, marks=pairs is None)
-    watch = None if pairs else watch
-    table = read_table(rows.blocks(), form, f"{path.name}, row", watch)
-    return _channels(
-        path, form, table, pairs=pairs, units=units, again=None if watch is None else partial(_read_plain, path)
-    )
+    return _channels(rows, form, watch, partial(_read_plain, path), pairs=pairs, units=units)
 
 
 def _read_with_layout(path: Path, layout: TextLayout, watch: Watch | None = None) -> Channels:
@@ -188,10 +184,8 @@ def _read_with_layout(path: Path, layout: TextLayout, watch: Watch | None = None
     trailing = all(len(row) == len(names) + 1 and not row[-1] for row in cells)
     form = TableForm(tuple(names), separator, decimal, texts, quotes=True, blanks=pairs is not None,
                      gaps=pairs is None, trailing=trailing, comment=layout.comment, marks=pairs is None)  # fmt: skip
-    watch = None if pairs else watch
-    table = read_table(rows.blocks(), form, f"{path.name}, row", watch)
-    again = None if watch is None else partial(_read_with_layout, path, layout)
-    return replace(_channels(path, form, table, pairs=pairs, units=units, again=again), numbers=numbers)
+    channels = _channels(rows, form, watch, partial(_read_with_layout, path, layout), pairs=pairs, units=units)
+    return replace(channels, numbers=numbers)
 
 
 def _separator(layout: TextLayout, line: str) -> str | None:
@@ -267,22 +261,24 @@ def _may_be_number(cells: Sequence[str], i: int, decimal: str) -> bool:
 
 
 def _channels(
-    path: Path,
+    rows: Rows,
     form: TableForm,
-    table: Table,
+    watch: Watch | None,
+    again: Callable[[Watch], Channels],
     *,
     pairs: Mapping[int, int] | None,
     units: Mapping[int, str],
-    again: Callable[[Watch], Channels] | None,
 ) -> Channels:
-    """Return the channels of a table; where each has its own times, rows without time and value hold no sample of it.
+    """Read the channels of a table; where each has its own times, rows without time and value hold no sample of it.
 
-    ``again`` reads the file with all samples, where the beginning alone was kept of them.
+    ``again`` reads the file with all samples, where ``watch`` sees them and the beginning alone is kept of them.
     ``RecordingFormatError`` if a value has no time, or a time no value.
     """
-    file_name, names, channels = path.name, form.names, list[Channel]()
+    file_name, names, channels = rows.file_name, form.names, list[Channel]()
+    watch = None if pairs else watch
+    table = read_table(rows.blocks(), form, f"{file_name}, row", watch)
     time = ChannelTime(runs=_runs(table))
-    read = None if again is None else lru_cache(maxsize=1)(partial(_read_again, again))
+    read = None if watch is None else lru_cache(maxsize=1)(partial(_read_again, again))
     # of which all must be seen to know whether they vary: the file is read once more for all of them
     together = frozenset(i for i, begun in enumerate(table.numbers.values()) if np.all(begun == begun[:1]))
     for number, (i, samples) in enumerate(table.numbers.items()):
