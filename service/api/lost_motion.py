@@ -13,9 +13,8 @@ from service.api.http.tables import TABLE_RESPONSE, TableQuery, table
 from service.api.services import ServicesOf, api_router
 from service.documents.said import in_english
 from service.operations.access.scopes import Scope
-from service.operations.fields import AxisId, Moment, RequestModel
+from service.operations.fields import AnswerModel, AxisId, Moment, RequestModel
 from service.operations.monitoring.lost_motion import EXAMPLE, MOST_AT_ONCE, LostMotionIn
-from service.store.trend.lost_motion import LostMotionReading
 from service.store.trend.points import Span
 
 router = api_router("lost motion")
@@ -38,15 +37,15 @@ class LostMotionReceipt(BaseModel):
     sentence: str
 
 
-class LostMotionPointOut(BaseModel):
+class LostMotionPointOut(AnswerModel):
     """Lost motion at the reversals of one log."""
 
     at: datetime
-    measurement: str
+    measurement: Annotated[str, Field(validation_alias="name")]
     position_mm: float
     reversal_value_um: float
-    reversal_value_standard_uncertainty_um: float
-    reversal_value_interval_95_um: tuple[float, float]
+    reversal_value_standard_uncertainty_um: Annotated[float, Field(validation_alias="standard_uncertainty_um")]
+    reversal_value_interval_95_um: Annotated[tuple[float, float], Field(validation_alias="interval_95_um")]
     play_interval_95_um: Annotated[
         tuple[float, float] | None, Field(description="of that part of it that is play; null: not told from wind-up")
     ]
@@ -110,7 +109,9 @@ def get_lost_motion(
     def page(query: LostMotionQuery) -> tuple[Sequence[LostMotionPointOut], datetime | None]:
         span = Span(query.start, query.end)
         readings = services.lost_motion.page(axis, span, after=query.cursor, limit=query.limit)
-        return [_point(reading) for reading in readings], readings[-1].at if len(readings) == query.limit else None
+        return [LostMotionPointOut.model_validate(reading) for reading in readings], readings[-1].at if len(
+            readings
+        ) == query.limit else None
 
     if query.format is not None:
         return table(f"{axis}-lost-motion", LostMotionPointOut, query, page)
@@ -127,21 +128,4 @@ def get_lost_motion(
         false_alarms_per_year=standing.false_alarms_per_year,
         points=list(points),
         next_cursor=cursor,
-    )
-
-
-def _point(reading: LostMotionReading) -> LostMotionPointOut:
-    low, high = reading.play_lower_um, reading.play_upper_um
-    return LostMotionPointOut(
-        at=reading.at,
-        measurement=reading.name,
-        position_mm=reading.position_mm,
-        reversal_value_um=reading.reversal_value_um,
-        reversal_value_standard_uncertainty_um=reading.standard_uncertainty_um,
-        reversal_value_interval_95_um=(reading.interval_lower_um, reading.interval_upper_um),
-        play_interval_95_um=None if low is None or high is None else (low, high),
-        n_reversals=reading.n_reversals,
-        temperature_c=reading.temperature_c,
-        state=reading.state,
-        uncharted=reading.uncharted,
     )

@@ -33,7 +33,7 @@ def lost_motion_evidence(reading: LostMotionReading, state: DetectorState) -> Js
         )
     size = {
         "lost_motion_um": session.value,
-        "lost_motion_interval_95_um": [reading.interval_lower_um, reading.interval_upper_um],
+        "lost_motion_interval_95_um": list(reading.interval_95_um),
         "lost_motion_baseline_um": None if baseline is None else baseline.mean,
         "lost_motion_rise_um": difference,
         "mean_rise_since_onset_um": rise,

@@ -490,7 +490,7 @@ def test_the_commands_of_the_page_lead_to_its_numbers(preload, tmp_path, monkeyp
     np.savetxt(
         "axis-x.csv", columns, "%.9g", ",", header="t [ms],Current [A],Scale [um],Motor angle [rad]", comments=""
     )
-    blocks = re.findall(r"```console\n\$ \.venv/bin/preload (.*?)\n(.*?)```", page, re.DOTALL)
+    blocks = re.findall(r"```console\n\$ \.venv/bin/preload (\S+ axis-x\.csv.*?)\n(.*?)```", page, re.DOTALL)
     assert [command.split()[0] for command, _ in blocks] == ["check", "frf"]
     for command, expected in blocks:
         answer = preload(*command.split())

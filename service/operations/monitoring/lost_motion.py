@@ -196,7 +196,7 @@ def lost_motion_now(
     state = state_at(DetectorState(status=state, last_at=charted_at), now(), silent_after)
     ends = charted_at is not None and state not in (TrendStatus.UNKNOWN, TrendStatus.ALARM)
     return LostMotionNow(
-        reading.at, reading.reversal_value_um, (reading.interval_lower_um, reading.interval_upper_um), str(state),
+        reading.at, reading.reversal_value_um, reading.interval_95_um, str(state),
         charted_at + silent_after if charted_at is not None and ends else None,
     )  # fmt: skip
 

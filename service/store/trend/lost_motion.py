@@ -32,6 +32,17 @@ class LostMotionReading:
     state: str = "unknown"  # of the chart, after it
     found_in_order: bool = False  # after it somebody looked, and cleared the alarm: the level is learnt anew
 
+    @property
+    def interval_95_um(self) -> tuple[float, float]:
+        """Of the reversal value."""
+        return self.interval_lower_um, self.interval_upper_um
+
+    @property
+    def play_interval_95_um(self) -> tuple[float, float] | None:
+        """Of the play; None: not told from wind-up."""
+        low, high = self.play_lower_um, self.play_upper_um
+        return None if low is None or high is None else (low, high)
+
 
 @dataclass(frozen=True, slots=True)
 class LostMotionChart:
