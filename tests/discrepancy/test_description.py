@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, following_excitation
+from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, describe_in_place
 from monitor_core.discrepancy.description.levels import describe_levels
 from monitor_core.discrepancy.description.variation import QUANTITIES, contacts_for, hung_elsewhere
 from monitor_core.discrepancy.screening import screen
@@ -105,14 +105,14 @@ def test_what_was_found_does_not_stand_in_the_way_of_a_law_of_the_axis_as_stated
 @pytest.mark.release
 def test_what_follows_the_excitation_by_a_law_of_its_own_is_asked_before_all_effects_are():
     """Beside a first effect that stands in its way; a preload that drifts is none."""
-    _, baseline, candidates, _ = stated("outside:nut-softening", "large", 42)
+    _, baseline, candidates, sizes = stated("outside:nut-softening", "large", 42)
     first = fitted_with("preload-exponent", baseline, candidates)
-    found = following_excitation(baseline, first, lambda _sentence: None)
+    found = describe_in_place(baseline, first, sizes, lambda _sentence: None)
     assert (found.described.place, found.described.law.variable) == ("nut", Variable.EXCITATION)
     assert found.kept == frozenset()
-    _, baseline, candidates, _ = stated("outside:preload-drift", "large", 42)
+    _, baseline, candidates, sizes = stated("outside:preload-drift", "large", 42)
     first = fitted_with("preload-exponent", baseline, candidates)
-    assert following_excitation(baseline, first, lambda _sentence: None) is None
+    assert describe_in_place(baseline, first, sizes, lambda _sentence: None) is None
 
 
 @pytest.mark.release

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.description import otherwise
+from monitor_core.discrepancy.description import describe, otherwise
 from monitor_core.discrepancy.description.describe import Description
 from monitor_core.discrepancy.description.otherwise import Otherwise
+from monitor_core.effects import Variable
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
@@ -31,64 +32,67 @@ def fitted_with(*effects, shares=(4.0, 4.0, 4.0)):
     return fit(comparison, hypothesis, hypothesis.null)
 
 
-def said(fitted):
-    """Return a description with this fit, whatever it says."""
-    return Description(SimpleNamespace(), fitted, frozenset())
+def said(fitted, variable=Variable.EXCITATION):
+    """Return the description that this fit is of a law of a variable, or of what swings where there is none."""
+    return Description(SimpleNamespace(law=variable and SimpleNamespace(variable=variable)), fitted, frozenset())
 
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Return who asks; the laws and ports that it would find; and the fits that each was asked of."""
+    """Return who asks what would be found, and the fits that it was asked of."""
 
-    def _asked(law, port):
-        calls = {"law": [], "port": []}
-
-        def answers(kind, found):
-            def answer(_baseline, fitted, *_rest):
-                calls[kind].append(fitted)
-                return found
-
-            return answer
-
-        monkeypatch.setattr(otherwise, "following_excitation", answers("law", law))
-        monkeypatch.setattr(otherwise, "swinging_at_port", answers("port", port))
+    def _asked(found):
+        calls = []
+        monkeypatch.setattr(otherwise, "describe_in_place", lambda _baseline, fitted, *_: calls.append(fitted) or found)
         monkeypatch.setattr(otherwise, "leaves_only_wandering", lambda _fitted: False)
         return Otherwise(None, quiet), calls
 
     return _asked
 
 
-def test_of_a_law_and_what_swings_the_one_that_explains_more_is_the_answer(asked) -> None:
-    baseline, first = fitted_with(), fitted_with(FIRST)
-    more, less = said(fitted_with(FIRST, LAW, PORT)), said(fitted_with(FIRST, LAW))
-    for law, port, expected in ((more, less, more), (less, more, None), (more, more, more), (more, None, more)):
-        other, _ = asked(law, port)
-        assert other.follows(baseline, first) is expected
-        assert other.explains(baseline, first)
-
-
 def test_each_question_is_answered_once_of_a_fit(asked) -> None:
     baseline, first = fitted_with(), fitted_with(FIRST)
-    other, calls = asked(None, None)
+    other, calls = asked(None)
     assert not other.explains(baseline, first)
     assert not other.explains(baseline, first)
     assert other.follows(baseline, first) is None
-    assert calls == {"law": [first], "port": [first]}
+    assert calls == [first]
 
 
 def test_a_law_that_a_search_was_left_for_stays_the_answer_without_the_name(asked) -> None:
     """The name may be cleaned away afterwards: of a fit without one nothing would be asked."""
     baseline, first = fitted_with(), fitted_with(FIRST)
-    law = said(fitted_with(LAW))
-    other, calls = asked(law, None)
-    assert other.explains(baseline, first)
-    assert other.follows(baseline, baseline) is law
-    assert calls["law"] == [first]
+    for found, stays in ((said(fitted_with(LAW)), True), (said(fitted_with(LAW), None), False)):
+        other, calls = asked(found)
+        assert other.explains(baseline, first)
+        assert other.follows(baseline, baseline) is (found if stays else None)
+        assert calls == [first]
 
 
 def test_of_no_name_or_two_nothing_is_asked_of_the_excitation(asked) -> None:
     baseline = fitted_with()
-    other, calls = asked(said(fitted_with(LAW)), None)
+    other, calls = asked(said(fitted_with(LAW)))
     assert other.follows(baseline, baseline) is None
     assert other.follows(baseline, fitted_with(FIRST, PORT)) is None
-    assert calls["law"] == []
+    assert calls == []
+
+
+@pytest.mark.parametrize(
+    ("with_names", "variable", "is_answer"),
+    [
+        ((), Variable.EXCITATION, True),  # it leaves nothing, and a name is far from that
+        ((), None, True),
+        ((), Variable.POSITION, False),  # such a law is sought where all names have been tried
+        ((FIRST, LAW, PORT), Variable.EXCITATION, False),  # names do as well
+    ],
+)
+def test_what_leaves_nothing_is_the_answer_in_the_place_of_a_name_that_does_not(
+    monkeypatch, with_names, variable, is_answer
+) -> None:
+    best = said(fitted_with(FIRST, LAW, PORT), variable)
+    monkeypatch.setattr(describe, "may_be_described", lambda _fitted: True)
+    monkeypatch.setattr(describe, "_at_ports", lambda *_: ())
+    monkeypatch.setattr(describe, "list_of", lambda *_: [])
+    monkeypatch.setattr(describe, "best_of", lambda *_, **_options: best)
+    found = describe.describe_in_place(fitted_with(), fitted_with(*with_names), None, quiet)
+    assert found is (best if is_answer else None)

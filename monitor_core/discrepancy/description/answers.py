@@ -47,6 +47,7 @@ class Base:
     fitted: Fitted[AxisPhysics]
     port: Effect[AxisPhysics] | None = None  # by which something hangs on a port that the catalogue has nothing for
     before: Fitted[AxisPhysics] | None = None  # the fit without that; of what was not fitted, the one that was
+    named: frozenset[str] = frozenset()  # keys of the effects with names in it, which a description may stand beside
 
     @property
     def is_unfitted(self) -> bool:
@@ -69,7 +70,7 @@ def bases(
         with suppress(OutsideValidityError):
             yield Base(unfitted(baseline), before=baseline)
     if final.hypothesis.effects:
-        yield Base(final)
+        yield Base(final, named=final.hypothesis.keys)
     if not judged_gap(baseline).exceeds_healthy:
         return  # settings differ from what is stated, but no response has a resonance too many
     known = _applying(baseline, [effect for effect in candidates if effect.key in _OF_CATALOGUE])
@@ -88,7 +89,7 @@ def bases_at_ports(from_here: Sequence[Fitted[AxisPhysics]], sizes: MachineSizes
         applying = _applying(before, own)
         screened = [port for port in screen(before, applying) if _promises(port, before)] if applying else []
         fits = [(port.effect, fitted) for port in screened[:_FITTED] for fitted in _with_port(before, port)]
-        yield from (Base(fitted, effect, before) for effect, fitted in fits)
+        yield from (Base(fitted, effect, before, before.hypothesis.keys) for effect, fitted in fits)
         if any(not judged_gap(fitted).exceeds_healthy for _, fitted in fits):
             return
 
@@ -156,6 +157,16 @@ class Answer:
         """Where something varies or swings."""
         port = port_of(self.effect)
         return str(self.tried.variation.quantity.place if self.tried else "" if port is None else _PLACES[port])
+
+    @property
+    def n_found(self) -> int:
+        """How many numbers its law has."""
+        return 0 if self.tried is None else self.tried.n_found
+
+    def is_of_same(self, other: "Answer") -> bool:
+        """Return whether another answer is of the same quantity in the same fit."""
+        both = self.tried and other.tried and self.tried.variation.quantity == other.tried.variation.quantity
+        return bool(both) and self.base is other.base
 
     @property
     def as_alternative(self) -> DescribedAlternative:

@@ -35,9 +35,9 @@ from monitor_core.discrepancy.description.variation import (
     vary_freely,
 )
 from monitor_core.discrepancy.explanation import Described, DescribedAlternative
-from monitor_core.discrepancy.search.search import LEAST_SIZE
-from monitor_core.discrepancy.search.workspace import Found
-from monitor_core.discrepancy.verdict.classes import EquivalenceClass
+from monitor_core.discrepancy.search.search import LEAST_SIZE, findings
+from monitor_core.discrepancy.search.workspace import Found, may_lack_more
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, goes_with_amplitude
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
 from monitor_core.effects import Effect, Law, MachineSizes, Variable, varying
 from monitor_core.effects.effect import ConditionAxis
@@ -76,6 +76,12 @@ class Description:
     kept: frozenset[str]  # keys of the effects with names that it stands beside; it is in the place of others
     before: Fitted[Any] | None = None  # the fit without anything, where it is judged by other values than a search is
 
+    @property
+    def follows_excitation(self) -> bool:
+        """Whether it is a law of the excitation, in the place of every name."""
+        law = self.described.law
+        return law is not None and law.variable is Variable.EXCITATION and not self.kept
+
     def put_into(
         self, found: Found[Any], classes: Sequence[EquivalenceClass[Any]]
     ) -> tuple[Found[Any], tuple[EquivalenceClass[Any], ...]]:
@@ -101,71 +107,68 @@ def describe(
     """Return what can be said of a misfit without a name; None where nothing holds, of a rigid axis, or few settings.
 
     ``baseline`` is the fit without any effect, ``final`` that with what was found; ``sizes`` of the machine are those
-    in which something may swing at a port.
+    in which something may swing at a port. What is least simple is tried where there would be no answer.
     """
     if not may_be_described(baseline):
         return None
     progress("describing what is left")
     at_ports = _at_ports(baseline, (baseline, final), sizes)
-    swinging, _ = _described(baseline, final, (), at_ports, progress)
+    swinging = best_of(list_of((), at_ports, baseline, progress), baseline, final)
     if swinging is not None and _leaves_nothing_else(baseline, swinging):
         return swinging
     of_catalogue = tuple(bases(baseline, final, candidates))
-    described, _ = _described(baseline, final, of_catalogue, at_ports, progress)
-    if described is None:  # what is least simple is tried where there would be no answer
-        described, _ = _described(baseline, final, at_ports, at_ports, progress)
-    return described
+    lists = (list_of(with_laws, at_ports, baseline, progress) for with_laws in (of_catalogue, at_ports))
+    return next((best for rivals in lists if (best := best_of(rivals, baseline, final)) is not None), None)
 
 
-def swinging_at_port(
+def describe_in_place(
     baseline: Fitted[Any], fitted: Fitted[Any], sizes: MachineSizes | None, progress: Callable[[str], None]
 ) -> Description | None:
-    """Return what swings at a port that the catalogue has nothing for, where that leaves nothing else to seek.
+    """Return what leaves nothing else to seek in the place of the first name, which ``fitted`` has come to.
 
-    ``fitted`` is what the catalogue has come to so far; what swings leaves next to nothing of the misfit, or no more
-    than a healthy axis does and explains as much again. None of a rigid axis or few settings.
+    That follows the excitation by a law of its own, or swings at a port that the catalogue has nothing for, and
+    explains more: as much again, or so much that it leaves no more than a healthy axis does. None of a rigid axis or
+    few settings.
     """
-    if not may_be_described(baseline):
+    effects, lacks = findings(fitted), may_lack_more(fitted)
+    varied = may_be_described(baseline) and ConditionAxis.LEVEL in varied_conditions(baseline.comparison.layout)
+    may_follow = varied and len(effects) == 1 and (lacks or goes_with_amplitude(effects[0]))
+    if not may_be_described(baseline) or not (lacks or may_follow):
         return None
-    progress("asking whether something swings that has no name")
-    swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, (baseline, fitted), sizes), progress)
-    if swinging is None or swinging.fitted is None or judged_gap(swinging.fitted).exceeds_healthy:
+    progress("asking whether what has no name explains more")
+    at_ports = _at_ports(baseline, (baseline, fitted), sizes) if lacks else ()
+    rivals = list_of((Base(baseline),) if may_follow else (), at_ports, baseline, progress)
+    best = best_of(rivals, baseline, fitted, least_explained=0.0)
+    if best is None or best.fitted is None or (best.described.law is not None and not best.follows_excitation):
         return None
-    again = _explains_as_much_again(baseline, fitted, swinging.fitted)
-    return swinging if again or _leaves_nothing_else(baseline, swinging) else None
-
-
-def following_excitation(
-    baseline: Fitted[Any], fitted: Fitted[Any], progress: Callable[[str], None]
-) -> Description | None:
-    """Return what follows the excitation by a law of its own, where that leaves nothing else to seek.
-
-    ``fitted`` is what the catalogue has come to so far; the law stands in its place, and explains more: as much again,
-    or so much that it leaves no more than a healthy axis does. None where the excitation does not vary, of a rigid axis
-    or few settings.
-    """
-    if not may_be_described(baseline) or ConditionAxis.LEVEL not in varied_conditions(baseline.comparison.layout):
-        return None
-    progress("asking whether something follows the excitation by another law")
-    law_fit, _ = _described(baseline, fitted, (Base(baseline),), (), progress, least_explained=0.0)
-    if law_fit is None or law_fit.fitted is None or law_fit.kept:
-        return None
-    law = law_fit.described.law
-    if law is None or law.variable is not Variable.EXCITATION:
-        return None
-    if _explains_as_much_again(baseline, fitted, law_fit.fitted):
-        return law_fit
-    if judged_gap(law_fit.fitted).exceeds_healthy:
-        return None
+    scale = evidence_scale(best.fitted)
+    again = delta_bic(baseline, best.fitted, scale) > _AS_MUCH_AGAIN * delta_bic(baseline, fitted, scale)
+    if judged_gap(best.fitted).exceeds_healthy:
+        return best if again and best.follows_excitation else None
     # where names leave nothing, what explains more than they do need not explain most of what is missing
-    share = explained_share(baseline, law_fit.fitted, remainder_of(law_fit.fitted).misfit)
-    return law_fit if share >= _LEAST_EXPLAINED or not judged_gap(fitted).exceeds_healthy else None
+    share = explained_share(baseline, best.fitted, remainder_of(best.fitted).misfit)
+    enough = share >= _LEAST_EXPLAINED if best.follows_excitation else _leaves_nothing_else(baseline, best)
+    return best if again or enough or not lacks else None
 
 
-def _explains_as_much_again(baseline: Fitted[Any], fitted: Fitted[Any], other: Fitted[Any]) -> bool:
-    """Return whether the evidence for another fit is as much again as that for what the catalogue has come to."""
-    scale = evidence_scale(other)
-    return delta_bic(baseline, other, scale) > _AS_MUCH_AGAIN * delta_bic(baseline, fitted, scale)
+def describe_elsewhere(
+    final: Fitted[Any],
+    without: Sequence[Fitted[Any]],
+    sizes: MachineSizes | None,
+    progress: Callable[[str], None],
+) -> Description | None:
+    """Return what swings at a port that the catalogue has nothing for, where it explains more than what has a name.
+
+    Among effects of the catalogue alone the place that is nearest would get the name. ``final`` is the fit with what
+    was found, ``without`` are fits that each lack one effect of it, which swings by itself.
+    """
+    for before in without:
+        if isinstance(before.physics(), AxisPhysics):
+            progress("asking whether it swings elsewhere")
+            rivals = list_of((), tuple(bases_at_ports((before,), sizes)), before, progress)
+            if (best := best_of(rivals, before, final)) is not None:
+                return best
+    return None
 
 
 def may_be_described(baseline: Fitted[Any]) -> bool:
@@ -181,39 +184,21 @@ def _at_ports(
     return tuple(bases_at_ports(from_here, sizes)) if missed else ()
 
 
-def describe_elsewhere(
-    final: Fitted[Any],
-    without: Sequence[Fitted[Any]],
-    sizes: MachineSizes | None,
-    progress: Callable[[str], None],
-) -> Description | None:
-    """Return what swings at a port that the catalogue has nothing for, where it explains more than what has a name.
-
-    Among effects of the catalogue alone the place that is nearest would get the name. ``final`` is the fit with what
-    was found, ``without`` are fits that each lack one effect of it, which swings by itself.
-    """
-    answers = list[Answer]()
-    for before in without:
-        if isinstance(before.physics(), AxisPhysics):
-            progress("asking whether it swings elsewhere")
-            bases_here = bases_at_ports((before,), sizes)
-            answers += [Answer(base, base.fitted, base.port) for base in bases_here if base.port is not None]
-    answers = [answer for answer in answers if is_evident(answer)]
-    if not answers:
-        return None
-    best = min(answers, key=lambda answer: answer.fitted.cost)
-    if not surpasses(final, best, best.scale) or not holds(best.before, best, best.scale):
-        return None
-    return Description(described_by(best, (), best.scale), best.fitted, best.before.hypothesis.keys)
-
-
 def _believed(answers: Sequence[Answer], evidence: Callable[[Answer], float]) -> Answer:
-    """Return the first, of most evidence, or what is alike and likelier: contacts yield before solid parts."""
+    """Return the first, of most evidence, or what cannot be told from it and is likelier.
+
+    Contacts yield before solid parts; of one quantity in one fit, the law of fewest numbers.
+    """
     first = answers[0]
-    quantity = contacts_for(first.tried.variation.quantity) if first.tried else None
     least = evidence(first) - least_difference(first.fitted.comparison)
-    alike = (other for other in answers if other.tried and other.tried.variation.quantity == quantity)
-    return next((other for other in alike if quantity and evidence(other) > least), first)
+    near = [other for other in answers if other.tried and evidence(other) >= least]
+    if first.tried is None:
+        return first
+    quantity = contacts_for(first.tried.variation.quantity)
+    of_contacts = [other for other in near if other.tried and other.tried.variation.quantity == quantity]
+    first = of_contacts[0] if of_contacts else first
+    alike = [other for other in near if other.is_of_same(first)]
+    return min(alike, key=lambda other: other.n_found)
 
 
 def _leaves_nothing_else(baseline: Fitted[AxisPhysics], swinging: Description) -> bool:
@@ -222,40 +207,45 @@ def _leaves_nothing_else(baseline: Fitted[AxisPhysics], swinging: Description) -
     return fitted is not None and not judged_gap(fitted).exceeds_healthy and fitted.cost < _NOTHING_ELSE * baseline.cost
 
 
-def _described(
-    baseline: Fitted[AxisPhysics],
-    final: Fitted[AxisPhysics],
-    with_laws: Sequence[Base],
-    swinging: Sequence[Base],
-    progress: Callable[[str], None],
-    *,
-    least_explained: float = _LEAST_EXPLAINED,
-) -> tuple[Description | None, _Varied]:
-    """Return what holds best, and what varied freely in the fits from which laws are sought.
-
-    That is a law in one of the fits ``with_laws``, or what swings at a port in one of those ``swinging``.
-    """
+def list_of(
+    with_laws: Sequence[Base], swinging: Sequence[Base], baseline: Fitted[AxisPhysics], progress: Callable[[str], None]
+) -> list[Answer]:
+    """Return the laws that promise most in the fits ``with_laws``, and what swings at a port in those ``swinging``."""
     varied = [(base, variation) for base in with_laws for variation in closer_variations(base.fitted)]
     promising = _promising(varied, baseline) if varied else ()
     answers = [answer for base, tried in promising if (answer := refit_with_law(base, tried, progress)) is not None]
     answers += list(_hung_elsewhere(answers, with_laws, progress))
-    answers = [answer for answer in answers if is_evident(answer)]
-    plain = [Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
-    answers += [answer for answer in plain if _is_borne_out(baseline, answer)]
+    return answers + [Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
+
+
+def best_of(
+    answers: Sequence[Answer],
+    without: Fitted[AxisPhysics],
+    final: Fitted[AxisPhysics],
+    *,
+    least_explained: float = _LEAST_EXPLAINED,
+    before: Fitted[AxisPhysics] | None = None,
+) -> Description | None:
+    """Return what holds best of one list, by one evidence: that over a fit ``without`` any of them; None if none does.
+
+    ``final`` is the fit with the effects that have names, which it stands beside, or surpasses in their place. Where a
+    search is judged by other values than these fits, ``before`` is the fit without anything.
+    """
+    answers = [each for each in answers if is_evident(each) and (each.tried or holds(without, each, each.scale))]
     if not answers:
-        return None, varied
+        return None
     scale = min(answers, key=lambda answer: answer.fitted.cost).scale
-    answers.sort(key=lambda answer: answer.evidence(baseline, scale), reverse=True)
-    best = _believed(answers, lambda answer: answer.evidence(baseline, scale))
+    answers.sort(key=lambda answer: answer.evidence(without, scale), reverse=True)
+    best = _believed(answers, lambda answer: answer.evidence(without, scale))
     others = [answer for answer in answers if answer is not best]
     best = settled(best)
-    kept = final.hypothesis.keys if final in (best.base.fitted, best.base.before) else frozenset[str]()
+    kept = best.base.named & final.hypothesis.keys
     best = _without_needless(best, kept)
     kept &= best.fitted.hypothesis.keys
-    if not holds(baseline, best, scale, least_explained) or not (kept or surpasses(final, best, scale)):
-        return None, varied
-    described = described_by(best, alike_to(baseline, best, others, scale), scale)
-    return Description(described, best.fitted, kept), varied
+    if not holds(without, best, scale, least_explained) or not (kept or surpasses(final, best, scale)):
+        return None
+    described = described_by(best, alike_to(without, best, others, scale), scale)
+    return Description(described, best.fitted, kept, before)
 
 
 def _promising(varied: _Varied, baseline: Fitted[AxisPhysics]) -> list[tuple[Base, TriedLaw]]:
@@ -379,11 +369,6 @@ def holds(
     left = gap_of(fitted.comparison, fitted.held_out)
     held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
     return held and of_missing >= least_explained and share_of_free(answer) >= _LEAST_OF_FREE
-
-
-def _is_borne_out(without: Fitted[AxisPhysics], answer: Answer) -> bool:
-    """Return whether the data ask for what is described, and it explains most of what a fit is without."""
-    return is_evident(answer) and holds(without, answer, answer.scale)
 
 
 def surpasses(final: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:

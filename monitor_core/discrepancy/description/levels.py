@@ -7,18 +7,17 @@ before anything is fitted (:mod:`.variation`); which quantity does is told by fi
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
-from monitor_core.discrepancy.description.answers import Answer, Base, described_by, is_evident, without_form
+from monitor_core.discrepancy.description.answers import Answer, Base, without_form
 from monitor_core.discrepancy.description.describe import (
     Description,
-    alike_to,
     best_first,
+    best_of,
     closer_variations,
-    holds,
     may_be_described,
     refit_with_law,
-    surpasses,
 )
 from monitor_core.discrepancy.description.variation import (
     FreeVariation,
@@ -36,9 +35,7 @@ from monitor_core.effects import Variable
 from monitor_core.effects.variation import GEAR_RATIO
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
-from monitor_core.fitting.evidence import least_difference
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, unfitted
-from monitor_core.models.extended import AxisPhysics
 
 #: Quantities that have a value at each level, and forms that are refitted in the place of those values.
 _AT_LEVELS, _FORMS = 6, 3
@@ -61,17 +58,14 @@ def describe_levels(baseline: Fitted[Any], final: Fitted[Any], progress: Callabl
         again = {fitted: judged_on_lines(fitted) for fitted in (baseline, final)}
         for before in again.values():
             # where the fit went astray, each quantity is seen in the axis as stated
-            base = Base(unfitted(before), before=before) if before.tolerance else Base(before)
+            base = Base(before, named=before.hypothesis.keys)
+            if before.tolerance:
+                base = replace(base, fitted=unfitted(before), before=before)
             roughly = (vary_freely(base.fitted, each, roughly=True) for each in quantities_of(base.fitted.physics()))
             variations = best_first(roughly)
             answers = list(_answers_at_levels(base, variations, progress))
-            best = _simplest(answers, before) if answers else None
-            if best is None or not holds(before, best, best.scale):
-                continue
-            kept = before.hypothesis.keys
-            if kept or surpasses(again[final], best, best.scale):
-                alike = alike_to(before, best, answers, best.scale)
-                return Description(described_by(best, alike, best.scale), best.fitted, kept, again[baseline])
+            if (best := best_of(answers, before, again[final], before=again[baseline])) is not None:
+                return best
         varied = ((each, variation) for each in again.values() for variation in closer_variations(each))
         if (unformed := without_form(list(varied))) is not None:
             return Description(unformed, None, final.hypothesis.keys)
@@ -106,15 +100,3 @@ def _answers_at_levels(
     for tried in () if again is None else tried_laws(fitted, again, variable)[:_FORMS]:
         if (answer := refit_with_law(base, tried, progress, others)) is not None:
             yield answer
-
-
-def _simplest(answers: Sequence[Answer], before: Fitted[AxisPhysics]) -> Answer | None:
-    """Return the answer of fewest numbers whose evidence is within what cannot be told from the best."""
-    scale = min(answers, key=lambda answer: answer.fitted.cost).scale
-    best = max(answers, key=lambda answer: answer.evidence(before, scale))
-    least = best.evidence(before, scale) - least_difference(before.comparison)
-    quantity = best.tried.variation.quantity if best.tried else None
-    near = [each for each in answers if each.tried and each.tried.variation.quantity == quantity
-            and each.evidence(before, scale) >= least]  # fmt: skip
-    simplest = min(near, key=lambda answer: answer.tried.n_found if answer.tried else 0, default=None)
-    return simplest if simplest is not None and is_evident(simplest) else None

@@ -12,21 +12,16 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Generic
 
 from monitor_core.discrepancy.description.answers import Base, is_evident
-from monitor_core.discrepancy.description.describe import (
-    Description,
-    following_excitation,
-    refit_with_law,
-    swinging_at_port,
-)
+from monitor_core.discrepancy.description.describe import Description, describe_in_place, refit_with_law
 from monitor_core.discrepancy.description.variation import QUANTITIES, tried_laws, vary_freely
 from monitor_core.discrepancy.search.search import findings
 from monitor_core.discrepancy.search.workspace import may_lack_more
-from monitor_core.discrepancy.verdict.classes import PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS, goes_with_amplitude
+from monitor_core.discrepancy.verdict.classes import PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS
 from monitor_core.discrepancy.verdict.outcome import leaves_only_wandering
 from monitor_core.effects import Variable
 from monitor_core.effects.effect import Physics
 from monitor_core.effects.sizes import MachineSizes
-from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
+from monitor_core.fitting.evidence import delta_bic
 from monitor_core.fitting.hold_out import gain
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.models.extended import AxisPhysics
@@ -39,50 +34,29 @@ class Otherwise(Generic[Physics]):
     sizes: MachineSizes | None
     progress: Callable[[str], None]
     _wandering: dict[Fitted[Physics], bool] = field(default_factory=dict, init=False)
-    _swinging: dict[Fitted[Physics], Description | None] = field(default_factory=dict, init=False)
-    _following: dict[Fitted[Physics], Description | None] = field(default_factory=dict, init=False)
+    _in_place: dict[Fitted[Physics], Description | None] = field(default_factory=dict, init=False)
 
     def explains(self, baseline: Fitted[Physics], fitted: Fitted[Physics]) -> bool:
         """Return whether it explains all that is missing; ``baseline`` is the fit without any effect."""
-        if self.follows(baseline, fitted) is not None:
-            return True
-        return may_lack_more(fitted) and (self._wanders(fitted) or self._swings(baseline, fitted) is not None)
+        if self._wanders(fitted):
+            return may_lack_more(fitted)
+        return self._asked(baseline, fitted) is not None
 
     def follows(self, baseline: Fitted[Physics], fitted: Fitted[Physics]) -> Description | None:
         """Return what follows the excitation in the place of the one name of this fit, or of one asked about before."""
-        known_follower = next((follower for follower in self._following.values() if follower is not None), None)
-        if known_follower is None and fitted not in self._following:
-            self._following[fitted] = self._asked_of_excitation(baseline, fitted)
-        return known_follower or self._following[fitted]
+        if len(findings(fitted)) == 1 and not self._wanders(fitted):
+            self._asked(baseline, fitted)
+        return next((each for each in self._in_place.values() if each and each.follows_excitation), None)
 
-    def _asked_of_excitation(self, baseline: Fitted[Physics], fitted: Fitted[Physics]) -> Description | None:
-        effects = findings(fitted)
-        may_follow = len(effects) == 1 and (may_lack_more(fitted) or goes_with_amplitude(effects[0]))
-        if not may_follow or self._wanders(fitted):
-            return None
-        follows = following_excitation(baseline, fitted, self.progress)
-        if follows is None:
-            return None
-        swings = self._swings(baseline, fitted)
-        return None if swings is not None and _explains_more(swings, follows) else follows
-
-    def _swings(self, baseline: Fitted[Physics], fitted: Fitted[Physics]) -> Description | None:
-        if fitted not in self._swinging:
-            self._swinging[fitted] = swinging_at_port(baseline, fitted, self.sizes, self.progress)
-        return self._swinging[fitted]
+    def _asked(self, baseline: Fitted[Physics], fitted: Fitted[Physics]) -> Description | None:
+        if fitted not in self._in_place:
+            self._in_place[fitted] = describe_in_place(baseline, fitted, self.sizes, self.progress)
+        return self._in_place[fitted]
 
     def _wanders(self, fitted: Fitted[Physics]) -> bool:
         if fitted not in self._wandering:
             self._wandering[fitted] = leaves_only_wandering(fitted)
         return self._wandering[fitted]
-
-
-def _explains_more(first: Description, other: Description) -> bool:
-    """Return whether the first of two that leave nothing else is what the data ask for."""
-    if first.fitted is None or other.fitted is None:
-        return False
-    more = delta_bic(other.fitted, first.fitted, evidence_scale(first.fitted))
-    return more > least_difference(first.fitted.comparison)
 
 
 #: What changes the stiffness of the nut from setting to setting.
