@@ -65,10 +65,11 @@ def bases(
     baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], candidates: Sequence[Effect[AxisPhysics]]
 ) -> Iterator[Base]:
     """Yield fits that may lack no more than one quantity's dependence on the setting."""
-    yield Base(baseline)
+    plain = Base(baseline, named=baseline.hypothesis.keys)
+    yield plain
     if baseline.tolerance:  # the fit went astray; as stated, the axis may lack no more than one dependence
         with suppress(OutsideValidityError):
-            yield Base(unfitted(baseline), before=baseline)
+            yield replace(plain, fitted=unfitted(baseline), before=baseline)
     if final.hypothesis.effects:
         yield Base(final, named=final.hypothesis.keys)
     if not judged_gap(baseline).exceeds_healthy:
