@@ -31,6 +31,7 @@ _OF_SHAPE = ("m", "Pa", "kg/m³")
 
 Physics_co = TypeVar("Physics_co", covariant=True)
 Parameters = TypeVar("Parameters", bound=DriveParameters)
+Physics = TypeVar("Physics")
 
 
 class DescribedAxis(Protocol[Physics_co]):
@@ -62,14 +63,16 @@ class DescribedDrive:
     def candidates(self, sizes: MachineSizes) -> tuple[Effect[AxisPhysics], ...]:
         """Return what this axis may lack: every effect of the table, every uncertain parameter beyond its tolerance.
 
-        Ranges of effects are multiples of the sizes of the axis as it was measured.
+        Ranges of effects are multiples of the sizes of the axis as it was measured. An effect that the file states at
+        its null values is known to be absent.
 
         A description without any tolerance may be wrong in each of its parameters, but those of a plain shape: lengths,
         diameters and materials.
         """
         stated = stated_names(self.stated)
         names = self.uncertain or [name for name, field in stated.items() if unit_of(field) not in _OF_SHAPE]
-        return (*sized_for(self.table, sizes), *(wrong_parameter(name, self.stated) for name in names))
+        sought = _not_stated_absent(self.table, self.present)
+        return (*sized_for(sought, sizes), *(wrong_parameter(name, self.stated) for name in names))
 
 
 @lru_cache(maxsize=32)
@@ -98,9 +101,16 @@ class DescribedRigidAxis:
     def candidates(self, sizes: MachineSizes) -> tuple[Effect[MotionPhysics], ...]:
         """Return what this axis may lack: every effect of the table, and every stated parameter being wrong.
 
-        Ranges of effects are multiples of the sizes of the motion.
+        Ranges of effects are multiples of the sizes of the motion; what is stated at its null values is absent.
         """
-        return (*sized_for(self.table, sizes), *wrong_motion_parameters(self.stated))
+        sought = _not_stated_absent(self.table, self.present)
+        return (*sized_for(sought, sizes), *wrong_motion_parameters(self.stated))
+
+
+def _not_stated_absent(
+    table: Sequence[Effect[Physics]], present: Mapping[str, Mapping[str, float]]
+) -> list[Effect[Physics]]:
+    return [effect for effect in table if present.get(effect.key) != effect.null_values()]
 
 
 def moved(stated: Parameters, ln_ratios: Mapping[str, float]) -> Parameters:

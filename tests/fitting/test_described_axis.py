@@ -43,6 +43,16 @@ def test_candidates_are_the_table_and_what_is_uncertain() -> None:
     assert found == [*(effect.key for effect in DRIVE_EFFECTS), *(f"{PREFIX}{name}" for name in TOLERANCES)]
 
 
+def test_what_is_stated_at_its_null_values_is_known_to_be_absent() -> None:
+    """One end that is free, as the text of a paper says: no candidate. What is stated with a size may be another."""
+    for stiffness, sought in ((0.0, False), (1e7, True)):
+        present = {"far-bearing-stiffness": {"stiffness_n_per_m": stiffness}}
+        drive = DescribedDrive(AXIS, {}, present)
+        plain = {each.key for each in DescribedDrive(AXIS, {}, {}).candidates(SIZES)}
+        assert {each.key for each in drive.candidates(SIZES)} == plain - (set() if sought else present.keys())
+        assert drive.physics({}).joints.far_bearing_stiffness == stiffness
+
+
 def test_without_tolerances_any_part_may_be_wrong_but_no_plain_shape() -> None:
     """Lengths, diameters, materials are measured with a rule or taken from a table."""
     found = {
