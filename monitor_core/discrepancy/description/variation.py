@@ -37,7 +37,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import CommonErrors, Layout, Setting
 from monitor_core.fitting.conditions.groups import series_of
 from monitor_core.fitting.evidence import EvidenceScale, evidence_scale
-from monitor_core.fitting.solver.costs_of_settings import fitted_numbers, squares_of_values, summed_by_setting
+from monitor_core.fitting.solver.costs_of_settings import fitted_numbers, squares_along, summed_by_setting
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics, AxisSetting
 from monitor_core.models.parameters import name_in_file
@@ -235,19 +235,19 @@ def vary_freely(
     values only, enough to tell what may be worth a closer look.
     """
     steps = _FINE if quantity.is_frequency else _FEW if roughly else _COARSE
-    grid, costs = np.concatenate([-steps[::-1], [0.0], steps]), []
     here = here or fitted.physics()
-    for theta in grid:
-        costs.append((theta, _squares(fitted, quantity, here, theta)))
-    answered = [(theta, squares) for theta, squares in costs if squares is not None]
-    if len(answered) < 3:
+    answered, squares = squares_along(
+        fitted,
+        np.concatenate([-steps[::-1], [0.0], steps]),
+        lambda theta: multiplied(here, quantity.record, quantity.field, math.exp(theta)),
+    )
+    if answered.size < 3:
         return None
     seen = fitted.fitted.astype(np.float64)
     fitted_lines, others = (
-        np.array([summed_by_setting(fitted, squares * chosen) for _, squares in answered]).T
-        for chosen in (seen, 1.0 - seen)
+        np.array([summed_by_setting(fitted, each * chosen) for each in squares]).T for chosen in (seen, 1.0 - seen)
     )
-    return FreeVariation(quantity, np.array([theta for theta, _ in answered]), fitted_lines, others)
+    return FreeVariation(quantity, answered, fitted_lines, others)
 
 
 def judged_on_lines(fitted: Fitted[AxisPhysics]) -> Fitted[AxisPhysics]:
@@ -297,14 +297,6 @@ def _setting(stated: Setting, order: float) -> AxisSetting:
         excitation_level=values.get(ConditionAxis.LEVEL, 0.0),
         order=order,
     )
-
-
-def _squares(fitted: Fitted[AxisPhysics], quantity: Quantity, here: AxisPhysics, theta: float) -> FloatArray | None:
-    try:
-        moved = multiplied(here, quantity.record, quantity.field, math.exp(theta))
-        return squares_of_values(fitted, moved)
-    except OutsideValidityError:
-        return None
 
 
 #: Levels of a variable that a form needs, which are the fewer the fewer coefficients it has.

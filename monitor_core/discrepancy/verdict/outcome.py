@@ -27,7 +27,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines, levels_of
 from monitor_core.fitting.evidence import evidence_scale
 from monitor_core.fitting.hold_out import JudgedGap, judged_gap
-from monitor_core.fitting.solver.costs_of_settings import costs_of_settings
+from monitor_core.fitting.solver.costs_of_settings import squares_along, summed_by_setting
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 #: Probability below which it is no chance that errors of settings differ with a condition, of all that are looked at;
@@ -242,22 +242,15 @@ def wandering_of(fitted: Fitted[Physics], effect: Effect[Physics]) -> Wandering:
     names = [(of.key, parameter.name) for of, parameter in unknowns]
     index = fitted.hypothesis.n_uncertain + names.index((effect.key, own.name))
     here = own.null + own.scale * float(fitted.coordinates[index])
-    costs = {here: costs_of_settings(fitted, fitted.physics())}
-    for frequency in (here * np.exp(_LN_FACTORS)).tolist():
-        cost = _costs(fitted, index, (frequency - own.null) / own.scale)
-        if cost is not None:
-            costs[frequency] = cost
-    tried, table = np.array(list(costs)), np.array(list(costs.values()))
+
+    def physics_at(frequency: float) -> Physics:
+        moved = fitted.coordinates.copy()
+        moved[index] = (frequency - own.null) / own.scale
+        return fitted.hypothesis.physics(moved)
+
+    tried, squares = squares_along(fitted, here * np.exp(np.append(0.0, _LN_FACTORS)), physics_at)
+    table = np.array([summed_by_setting(fitted, np.where(fitted.fitted, each, 0.0)) for each in squares])
     best, scale = tried[np.argmin(table, axis=0)], evidence_scale(fitted)
-    taken = float(np.sum(costs[here] - np.min(table, axis=0)))
+    taken = float(np.sum(table[0] - np.min(table, axis=0)))
     evidence = scale.factor * taken - scale.penalty(best.size - 1)
     return Wandering(float(np.min(best)), float(np.max(best)), taken, evidence)
-
-
-def _costs(fitted: Fitted[Physics], index: int, coordinate: float) -> FloatArray | None:
-    moved = fitted.coordinates.copy()
-    moved[index] = coordinate
-    try:
-        return costs_of_settings(fitted, fitted.hypothesis.physics(moved))
-    except OutsideValidityError:
-        return None

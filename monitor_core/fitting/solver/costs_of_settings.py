@@ -1,5 +1,7 @@
 """Say what each setting of a fit costs by itself, under its physics or under others near by."""
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +9,7 @@ import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray
 from monitor_core.effects.effect import Physics
+from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 
@@ -15,16 +18,23 @@ def fitted_numbers(fitted: Fitted[Physics]) -> npt.NDArray[np.intp]:
     return np.flatnonzero(np.logical_or.reduceat(fitted.fitted, fitted.around.whitened_by.starts))
 
 
-def costs_of_settings(fitted: Fitted[Physics], physics: Physics) -> FloatArray:
-    """Return χ² of each setting that was fitted, whitened by its own condition errors alone, (n_fitted_settings,).
+def squares_along(
+    fitted: Fitted[Physics], grid: FloatArray, physics_at: Callable[[float], Physics]
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the values of a grid at which the model has an answer, and what each value of the data adds to χ² there.
 
-    Raises OutsideValidityError where the model has no answer.
+    It is whitened by the condition errors of its own setting alone, those that were not fitted alike.
     """
-    return summed_by_setting(fitted, np.where(fitted.fitted, squares_of_values(fitted, physics), 0.0))
+    answered, squares = list[float](), list[FloatArray]()
+    for value in grid.tolist():
+        with suppress(OutsideValidityError):
+            squares.append(squares_of_values(fitted, physics_at(value)))
+            answered.append(value)
+    return np.array(answered), squares
 
 
 def squares_of_values(fitted: Fitted[Physics], physics: Physics) -> FloatArray:
-    """Return what each value adds to that χ², or would where it was not fitted, shape (n_values,).
+    """Return what each value adds to χ², or would where it was not fitted, shape (n_values,).
 
     Raises OutsideValidityError where the model has no answer.
     """
