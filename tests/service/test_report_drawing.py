@@ -11,7 +11,7 @@ from monitor_core.discrepancy.explanation import Outcome
 from service.report.charts import POINTS
 from service.report.rounding import quantity, with_uncertainty
 from service.report.svg import Axis, axis_over, decimated
-from tests.service.test_explanation_report import EXAMPLES, number_in, page_of
+from tests.service.explanation_examples import EXAMPLES, number_in, page_of
 
 
 def test_decimation_keeps_peaks_and_gaps() -> None:

@@ -13,7 +13,7 @@ from service.cli.inputs.data import Data, DataKind
 from service.cli.inputs.model import tolerances_of
 from service.documents.explanation import explanation_document
 from service.report.verdict import asides
-from tests.service.test_explanation_report import EXAMPLES, MODEL
+from tests.service.explanation_examples import EXAMPLES, MODEL
 
 POSITION = WrongRecord(
     17, (32, 33), "500 mm, 220 N", RecordFault.POSITION, 88.0, 21.0, 500.0, 549.0, 2.0, "mm"
