@@ -163,8 +163,10 @@ def _looked_at(axis_id: str, start: datetime | None = None, end: datetime | None
     return select(MeasurementRow).where(*of_axis, *Span(start, end).bounds(MeasurementRow.started_at))
 
 
-def responses_of(session: Session, measurement_ids: Sequence[int]) -> dict[int, JsonObject]:
-    """Return the stored frequency responses of measurements; one without is left out."""
-    query = select(MeasurementDocumentRow.measurement_id, MeasurementDocumentRow.response)
-    stored = session.execute(query.where(MeasurementDocumentRow.measurement_id.in_(measurement_ids)))
-    return {measurement_id: response for measurement_id, response in stored if response is not None}
+def responses_of(session: Session, measurement_ids: Sequence[int]) -> dict[int, tuple[JsonObject, JsonObject]]:
+    """Return the stored outcomes and frequency responses of measurements; one without a response is left out."""
+    row = MeasurementDocumentRow
+    stored = session.execute(
+        select(row.measurement_id, row.outcome, row.response).where(row.measurement_id.in_(measurement_ids))
+    )
+    return {number: (outcome, response) for number, outcome, response in stored if response is not None}

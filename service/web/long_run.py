@@ -8,10 +8,12 @@ from typing import Final
 
 import numpy as np
 from fastapi import APIRouter, Response
+from markupsafe import Markup
 
 from service.api.access import needs
 from service.api.services import Services, ServicesOf
 from service.documents.history import ProjectedPreload
+from service.documents.measurement import numbers_of
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId
@@ -24,6 +26,7 @@ from service.operations.monitoring.long_run import (
 from service.report.trend_chart import (
     LOW_NARROW,
     LOW_WIDE,
+    Marks,
     ShareLine,
     TrendPicture,
     Wedge,
@@ -33,6 +36,7 @@ from service.report.trend_chart import (
 from service.report.waterfall import Response as DrawnResponse, waterfall
 from service.store.trend.points import Span
 from service.store.trend.shown import ShownPoint, ToldColumns
+from service.web.shown import decimal
 from service.web.site import PageOf
 from service.web.trend_view import Charts, preload_marks, twice
 from service.web.words import Words
@@ -49,8 +53,8 @@ class ListedResponse:
     """A response as a line of the table."""
 
     point: ShownPoint
+    spectrum: Spectrum
     largest: float
-    largest_at_hz: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +81,7 @@ def long_run_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
         axis=on.axes.get(axis),
         spectra=[_listed(spectrum) for spectrum in spectra],
         spectra_chart=_waterfalls(words, spectra) if len(spectra) > 1 else None,
+        multiples=_multiples(words, spectra),
         sisters=[
             ListedSister(number, sister, line.share[-1], line.at[-1])
             for number, (sister, line) in enumerate(shares, start=1)
@@ -88,8 +93,7 @@ def long_run_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
 
 
 def _listed(spectrum: Spectrum) -> ListedResponse:
-    place = int(np.nanargmax(spectrum.magnitude))
-    return ListedResponse(spectrum.point, float(spectrum.magnitude[place]), float(spectrum.frequency[place]))
+    return ListedResponse(spectrum.point, spectrum, float(np.nanmax(spectrum.magnitude)))
 
 
 def _waterfalls(words: Words, spectra: Sequence[Spectrum]) -> Charts:
@@ -101,6 +105,32 @@ def _waterfalls(words: Words, spectra: Sequence[Spectrum]) -> Charts:
         words(N_("frequency at the usual position, Hz")),
     )
     return twice(words, partial(waterfall, title, responses, axis_words=axis_words), _WIDE, _NARROW)
+
+
+def _multiples(words: Words, spectra: Sequence[Spectrum]) -> list[tuple[str, Markup]]:
+    """Draw what the quality of the responses was: a small picture for each number, with its title."""
+    numbers = (
+        (words(N_("Coherence over the half-power band")), "", [spectrum.coherence for spectrum in spectra]),
+        (words(N_("What one mode leaves of the response")), "%", [_percent(each.unexplained) for each in spectra]),
+        (
+            words(N_("Half of what torque forward and backward differ by")),
+            "N·m",
+            [spectrum.point.friction_torque_nm for spectrum in spectra],
+        ),
+    )
+    at, kinds = [spectrum.point.at for spectrum in spectra], [spectrum.point.state for spectrum in spectra]
+    nothing = np.full(len(spectra), np.nan)
+    drawn = []
+    for title, unit, values in numbers:
+        if sum(value is not None for value in values) > 1:
+            marks = Marks(np.array([each.timestamp() for each in at]), numbers_of(values), nothing, nothing, kinds)
+            picture = TrendPicture(title, unit, min(at), max(at), marks)
+            drawn.append((title, trend_chart(picture, LOW_NARROW, partial(decimal, words))))
+    return drawn
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100.0 * share
 
 
 def _share(sister: Sister, own: str) -> ShareLine | None:

@@ -14,7 +14,7 @@ from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
 from service.cli.remote.client import Client
 from service.cli.remote.server import embedded_service
 from service.operations.monitoring.history import HealthyFrequency, History
-from service.operations.monitoring.long_run import spectra_of
+from service.operations.monitoring.long_run import spectra_of, unexplained
 from service.settings import BUNDLED_SESSIONS, Settings
 from service.store.database import Database
 from tests.service.conftest import START, axial_frequency, running_service, simulated_measurement
@@ -136,7 +136,24 @@ def test_the_mode_over_time_is_that_at_one_position(tmp_path, calibrated: bool) 
     for spectrum in spectra:  # the response goes with its mode
         peak = spectrum.frequency[np.nanargmax(spectrum.magnitude)]
         assert peak == pytest.approx(spectrum.mode, abs=1.0)
+        assert spectrum.coherence is not None
+        assert spectrum.coherence > 0.9
+        assert spectrum.unexplained is not None
+        assert spectrum.unexplained < 0.1
+    assert len(re.findall("<figcaption>", page)) == 2  # its windows tell no friction torque
     assert len(re.findall("[ML]", re.findall(r'<path d="([^"]*)" class="mode"', page)[0])) == len(places)
+
+
+def test_what_a_mode_leaves_of_a_response_is_what_was_added_to_it() -> None:
+    frequency, mode, damping = np.linspace(170.0, 190.0, 41), 180.0, 0.01
+    alone = frequency**2 / (mode**2 - frequency**2 + 2j * damping * mode * frequency)
+    assert unexplained(frequency, (3.0 - 1.0j) * alone + 0.7j, mode, damping) == pytest.approx(0.0, abs=1e-12)
+    rng = np.random.default_rng(3)
+    added = rng.normal(size=41) + 1j * rng.normal(size=41)
+    share = float(np.linalg.norm(added) / np.linalg.norm(alone + added))
+    left = unexplained(frequency, alone + added, mode, damping)
+    assert left == pytest.approx(share, rel=0.1)  # two of 41 coefficients follow the noise
+    assert unexplained(frequency[:3], alone[:3], mode, damping) is None
 
 
 def test_a_mode_beyond_the_law_of_the_position_is_drawn_as_it_is(tmp_path) -> None:

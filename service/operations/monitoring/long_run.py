@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, TypeAdapter
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.preload import position_part
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
+from service.documents.stored_measurement import StoredMeasurement
 from service.operations.monitoring.axis_configuration import sisters_of
 from service.operations.monitoring.extremes import extremes
 from service.operations.monitoring.history import HealthyFrequency
@@ -49,6 +50,8 @@ class Spectrum:
     mode: float  # [Hz]
     frequency: FloatArray  # [Hz]
     magnitude: FloatArray  # in the unit of the response
+    coherence: float | None  # mean over the half-power band
+    unexplained: float | None  # share of the response that one mode leaves, as amplitude
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +85,13 @@ def spectra_of(database: Database, axis_id: str, healthy: HealthyFrequency | Non
             return float(position_part(position, calibration.coefficients))
         return 0.0 if healthy is None else healthy.law.shift(Conditions(position))
 
-    def corrected(point: ShownPoint, document: object) -> Spectrum:
+    def corrected(point: ShownPoint, outcome: object, response: object) -> Spectrum:
         mode = point.frequency_hz or math.nan
         feature = mode**-2 - of_place(metres(point.position_mm)) + of_place(metres(usual))
         at_usual = feature**-0.5 if feature > 0.0 else mode  # the law does not reach so far: as it is
-        return _spectrum(point, document, at_usual, at_usual / mode)
+        return _spectrum(point, StoredMeasurement.model_validate(outcome), response, at_usual)
 
-    return [corrected(point, stored[point.measurement_id]) for point in chosen if point.measurement_id in stored]
+    return [corrected(point, *stored[point.measurement_id]) for point in chosen if point.measurement_id in stored]
 
 
 def sisters_with_trend(database: Database, axis_id: str) -> list[Sister]:
@@ -113,8 +116,29 @@ def _alike(points: Sequence[ShownPoint]) -> tuple[list[ShownPoint], float]:
     return [min(stretch, key=lambda point: abs(point.position_mm - usual)) for stretch in stretches], usual
 
 
-def _spectrum(point: ShownPoint, document: object, mode: float, stretched: float) -> Spectrum:
-    response = _RESPONSE.validate_python(document)
-    real = np.array(response.real, dtype=np.float64)
-    imaginary = np.array(response.imaginary, dtype=np.float64)
-    return Spectrum(point, mode, stretched * np.array(response.frequency_hz), np.hypot(real, imaginary))
+def _spectrum(point: ShownPoint, outcome: StoredMeasurement, document: object, at_usual: float) -> Spectrum:
+    stored, mode = _RESPONSE.validate_python(document), point.frequency_hz or math.nan
+    frequency = np.array(stored.frequency_hz)
+    real, imaginary = (np.array(part, dtype=np.float64) for part in (stored.real, stored.imaginary))
+    left = (
+        None
+        if outcome.damping_ratio is None
+        else unexplained(frequency, real + 1j * imaginary, mode, outcome.damping_ratio)
+    )
+    return Spectrum(point, at_usual, at_usual / mode * frequency, np.hypot(real, imaginary), outcome.coherence, left)
+
+
+def unexplained(frequency: FloatArray, response: ComplexArray, mode: float, damping_ratio: float) -> float | None:
+    r"""Return which share of a response one mode of known frequency [Hz] and damping ratio leaves, as amplitude.
+
+    The accelerance :math:`A f^2 / (f_0^2 - f^2 + 2 i \zeta f_0 f) + B` is fitted to the lines by least squares, with B
+    for all modes far off (Ewins, Modal Testing, 2000, section 4.3). None of fewer than four lines.
+    """
+    finite = np.isfinite(response)
+    lines, measured = frequency[finite], response[finite]
+    if lines.size < 4 or not np.any(measured):
+        return None
+    resonance = lines**2 / (mode**2 - lines**2 + 2j * damping_ratio * mode * lines)
+    basis = np.stack([resonance, np.ones_like(resonance)], axis=1)
+    left = measured - basis @ np.linalg.lstsq(basis, measured, rcond=None)[0]
+    return float(np.linalg.norm(left) / np.linalg.norm(measured))
