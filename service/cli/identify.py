@@ -1,5 +1,7 @@
 """``preload identify DATA --model MODEL``: stiffness and damping of the joints, and what the data leave open."""
 
+import json
+import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -16,13 +18,11 @@ from monitor_core.identification import (
     PredictionRequest,
     identify as identify_joints,
 )
-from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import write_calibration
 from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file, write_model_file
-from monitor_core.uncertainty import Estimate
 from service.cli.inputs.data import (
     Data,
     DataKind,
@@ -45,6 +45,24 @@ from service.cli.options import json_option
 from service.cli.output import print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target
 from service.documents.identification import OBJECTIVES, held_out_kind, identification_document
+from service.errors import first_refusal
+
+
+def _prediction(_context: click.Context, _option: click.Parameter, text: str | None) -> PredictionRequest | None:
+    """Read what a calibration is predicted for: a table in a line of TOML, with the members that it has on the wire."""
+    from pydantic import ValidationError  # noqa: PLC0415  # most runs predict none
+
+    from service.operations.identification_job import PredictionIn  # noqa: PLC0415
+
+    if text is None:
+        return None
+    try:
+        stated = tomllib.loads(f"prediction = {{ {text} }}")["prediction"]
+        return PredictionIn.model_validate_json(json.dumps(stated)).to_core()
+    except tomllib.TOMLDecodeError as error:
+        raise click.BadParameter(f"expected a table such as 'mode_hz = [120, 260], …'; {error}") from error
+    except ValidationError as error:
+        raise click.BadParameter(first_refusal(error)) from error
 
 
 @click.command(cls=NumbersCommand)
@@ -66,23 +84,14 @@ from service.documents.identification import OBJECTIVES, held_out_kind, identifi
 )  # fmt: skip
 @click.option(
     "--calibration", "calibration_out", type=click.Path(path_type=Path, dir_okay=False),
-    help="Also predict k1…k4 from the joints and write the calibration; needs the three options below.",
+    help="Also predict k1…k4 from the joints and write the calibration; needs --prediction.",
 )  # fmt: skip
 @click.option(
-    "--mode-hz", nargs=2, type=click.FloatRange(min=0, min_open=True), metavar="LOW HIGH",
-    help="Holds the mode that will be monitored, alone at every position and preload.",
-)  # fmt: skip
-@click.option(
-    "--preload-n", nargs=2, type=click.FloatRange(min=0, min_open=True), metavar="N UNCERTAINTY",
-    help="Preload of the nut while the data were taken, and its standard uncertainty.",
-)  # fmt: skip
-@click.option(
-    "--scatter-hz", type=click.FloatRange(min=0, min_open=True),
-    help="Standard deviation of the frequency between measurements of one setting.",
-)  # fmt: skip
-@click.option(
-    "--excitation-source", type=click.Choice(["sensor", "drive"]), default=str(ExcitationSource.SENSOR),
-    show_default=True, help="What the torque will be measured with when the axis is monitored.",
+    "--prediction", callback=_prediction, metavar="TABLE",
+    help="For --calibration, as on the wire, such as 'mode_hz = [120, 260], preload_n = 200, "
+    "preload_standard_uncertainty_n = 5, scatter_hz = 0.3': what holds the monitored mode alone, the preload while the "
+    "data were taken, and how the frequency scatters between measurements; excitation_source = \"drive\" where that "
+    "will tell the torque.",
 )  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the search.")
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that search.")
@@ -99,10 +108,7 @@ def identify(
     limits: tuple[tuple[str, float, float], ...],
     objective: str,
     calibration_out: Path | None,
-    mode_hz: tuple[float, float] | None,
-    preload_n: tuple[float, float] | None,
-    scatter_hz: float | None,
-    excitation_source: str,
+    prediction: PredictionRequest | None,
     seed: int,
     workers: int,
     out: Path | None,
@@ -116,14 +122,8 @@ def identify(
     require_target(calibration_out, "calibration", inputs=[*paths, model_path])
     if out is not None and calibration_out is not None and out.resolve() == calibration_out.resolve():
         raise click.UsageError(f"--out and --calibration write to one file, {out}")
-    prediction = None
-    if calibration_out is not None:
-        needed = {"--mode-hz": mode_hz, "--preload-n": preload_n, "--scatter-hz": scatter_hz}
-        if mode_hz is None or preload_n is None or scatter_hz is None:
-            missing = [name for name, value in needed.items() if value is None]
-            raise click.UsageError(f"--calibration also needs {_listed(missing)}")
-        source = ExcitationSource(excitation_source)
-        prediction = PredictionRequest(mode_hz, Estimate(*preload_n), scatter_hz, source)
+    if (calibration_out is None) is not (prediction is None):
+        raise click.UsageError("--calibration and --prediction go together")
     data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.FRF_SET, DataKind.SESSION))
     require_session(accelerometer, of_session=data.is_session)
     axis = read_model_file(model_at(model_path))
@@ -234,9 +234,3 @@ def _joint_row(name: str, joint: IdentifiedJoint) -> tuple[str, ...]:
     ends = joint.interval
     between = "none: lack of fit" if ends is None else f"{ends.lower:.4g} … {ends.upper:.4g}"
     return (name, f"{joint.estimate.value:.4g} {joint.unit}", between, str(joint.verdict))
-
-
-def _listed(names: list[str]) -> str:
-    """Return names as a sentence lists them."""
-    *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last

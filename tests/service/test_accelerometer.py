@@ -182,7 +182,8 @@ def test_no_calibration_from_natural_frequencies_that_have_the_nut_elsewhere(
     preload: Any, session: Path, machine: Path, tmp_path: Path
 ) -> None:
     words = ("identify", session, "--model", machine, "--accelerometer", "nut", "--calibration", tmp_path / "k.json")
-    words += ("--mode-hz", 120, 260, "--preload-n", 200, 5, "--scatter-hz", 0.3)
+    stated = "mode_hz = [120, 260], preload_n = 200, preload_standard_uncertainty_n = 5, scatter_hz = 0.3"
+    words += ("--prediction", stated)
     assert_refused(preload(*words), "in which the nut's mass moves with the table: expected responses of the")
     assert not (tmp_path / "k.json").exists()
 

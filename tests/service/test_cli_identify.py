@@ -360,7 +360,9 @@ def test_bad_input_is_one_line_and_nothing_is_written(preload: Any, tmp_path: Pa
         ((PEAKS, "--model", MODEL, "--workers", 0), "--workers"),
         ((PEAKS, "--model", MODEL, "--band-hz", 60, 250), "--band-hz goes with a session; got tian_modal_table.csv"),
         ((PEAKS, "--model", MODEL.parent / "lumped.toml", "--objective", "eq-26"), "got a lumped model"),
-        ((PEAKS, "--model", MODEL, "--calibration", "a.json"), "--calibration also needs --mode-hz, --preload-n"),
+        ((PEAKS, "--model", MODEL, "--calibration", "a.json"), "--calibration and --prediction go together"),
+        ((PEAKS, "--model", MODEL, "--prediction", "mode_hz = [1"), "expected a table such as"),
+        ((PEAKS, "--model", MODEL, "--prediction", "mode_hz = [1, 2]"), "preload_n: Field required"),
     ]:
         with subtests.test(words=words, complaint=complaint):
             out = tmp_path / "found.toml"

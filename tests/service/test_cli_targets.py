@@ -24,8 +24,8 @@ COMMANDS = {
     "identify": (("identify", "axis.session.h5", "--model", MODEL, "--out"), ".toml"),
     "identify-calibration": (
         (
-            "identify", "axis.session.h5", "--model", MODEL, "--mode-hz", 100, 200, "--preload-n", 300, 30,
-            "--scatter-hz", 0.1, "--calibration",
+            "identify", "axis.session.h5", "--model", MODEL, "--prediction", "mode_hz = [100, 200], preload_n = 300, "
+            "preload_standard_uncertainty_n = 30, scatter_hz = 0.1", "--calibration",
         ),
         ".json",
     ),
