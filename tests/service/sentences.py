@@ -14,7 +14,6 @@ from monitor_core.identification.identifiability import Verdict
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.recording import ExcitationQuantity, ExcitationSource, ResponseQuantity
 from monitor_core.recordings.elements.units import Quantity
-from monitor_core.recordings.raw.channel_kind import ChannelKind
 from monitor_core.recordings.raw.mapping.map_records import MapKind
 from monitor_core.uncertainty import IntervalKind
 from tests.conftest import PROJECT_ROOT
@@ -45,7 +44,7 @@ _NOT_SAID = frozenset({
 _NO_SENTENCE = re.compile(r"<|--|`?preload [a-z]+ [{A-Z-]|(user|key) [a-z]+|default-src |attachment;")
 #: Single words that stand in sentences as their values.
 _KINDS = (
-    Cause, ChannelKind, ExcitationQuantity, ExcitationSource, IntervalKind, MapKind, Quantity, ResponseQuantity,
+    Cause, ExcitationQuantity, ExcitationSource, IntervalKind, MapKind, Quantity, ResponseQuantity,
     Verdict, WitnessName,
 )  # fmt: skip
 _WORDS = (
