@@ -98,7 +98,8 @@ class TrendQuery(TableQuery):
     )
     resolution: Annotated[int, Field(ge=2, le=10_000)] | None = Field(
         default=None,
-        description="so many points at most over the whole span, however long: the extremes of each stretch of it",
+        description="so many points at most over the whole span, however long: of each stretch of it the extremes, "
+        "without preloads that were set on purpose",
     )
     order: Literal["oldest-first", "newest-first"] = "oldest-first"
     only: Only | None = Field(

@@ -108,6 +108,7 @@ STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0026", _count_friction_positive),
     ("0028", _keep_lost_motion),
     ("0030", _keep_damping_and_residue),
+    ("0031", rollups.leave_out_set_preloads),
 )
 #: The version that this program writes.
 VERSION = STEPS[-1][0]

@@ -151,7 +151,7 @@ def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Service
     if evidence.lost_motion_um is not None:
         readings = [reading for reading in on.lost_motion.readings(axis_id) if start <= reading.at < end]
         return lost_motion_charts(words, readings, shown, on.lost_motion.standing(axis_id), events=events)
-    points = on.trend.at_resolution(axis_id, Span(start, end), MOST_SHOWN, monitored=True).points
+    points = on.trend.at_resolution(axis_id, Span(start, end), MOST_SHOWN).points
     if not points:
         return None
     level = evidence.baseline_preload_n

@@ -160,12 +160,12 @@ def _drawn(
         return None
     earliest, latest = ends
     shown = shown_range(f"/axes/{axis}", query, earliest.at, latest.at)
-    points = on.trend.at_resolution(axis, Span(shown.start, shown.end), MOST_SHOWN - 1, monitored=True).points
+    points = on.trend.at_resolution(axis, Span(shown.start, shown.end), MOST_SHOWN - 1).points
     main = preload_charts if history.healthy is None else frequency_charts
     # the present is shown, whatever is thinned out
     if shown.start <= latest.at < shown.end and latest.set_preload_n is None and latest not in points:
         points = [*points, latest]
-    if not points and not on.trend.at_resolution(axis, Span(), 2, monitored=True).points:
+    if not points and not on.trend.at_resolution(axis, Span(), 2).points:
         return None  # all readings were set on purpose; of a stretch without any the chart leads to the others
     drawn, worked = Drawn.of(points, history.healthy), [event for event in events if event.kind == "work"]
     friction, frequency = (words(N_("Friction torque over time")), "N·m"), (words(N_("Frequency over time")), "Hz")

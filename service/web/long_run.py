@@ -154,7 +154,7 @@ def _projection(words: Words, axis: str, projected: ProjectedPreload, on: Servic
     """Draw what the projection rests on, as much time before it, and where the preload would go."""
     last = projected.at[0]
     start = projected.line.started_at - (last - projected.line.started_at) / 2
-    points = on.trend.at_resolution(axis, Span(start), _BEFORE, monitored=True).points
+    points = on.trend.at_resolution(axis, Span(start), _BEFORE).points
     marks = preload_marks(ToldColumns.of([point for point in points if point.preload_n is not None]))
     wedge = Wedge(projected.at, projected.preload_n, projected.lower_n, projected.upper_n)
     picture = TrendPicture(words(N_("Projection of the preload")), "N", start, projected.at[-1], marks, wedge=wedge)

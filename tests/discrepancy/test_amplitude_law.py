@@ -152,7 +152,7 @@ def test_a_play_that_other_names_leave_nothing_of_is_described_where_its_law_exp
     assert (answer.outcome, answer.effects, answer.records) == (Outcome.DESCRIBED, (), ())
     (found,) = answer.described
     assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.EXCITATION)
-    assert [words for words in said if "screening" in words] == ["0 effects found, screening 43 more"]
+    assert [words for words in said if "found, screening" in words] == ["0 effects found, screening 43 more"]
 
 
 @pytest.mark.release

@@ -139,6 +139,14 @@ def test_modes_are_those_of_the_finite_elements():
     np.testing.assert_allclose(model.displacement_at_table[1:5] ** 2, shapes[1:, 0] ** 2, rtol=1e-2)
 
 
+def test_modes_with_the_nut_a_micrometre_from_an_end_are_those_with_it_at_the_end():
+    ends = [DriveConditions(position) for position in (1e-6, AXIS.screw_length - 1e-6)]
+    tracks = track_modes(AXIS, ends, n_modes=4)
+    for frequency, place in zip(tracks.frequency, (1e-3, AXIS.screw_length - 1e-3), strict=True):
+        of_elements, _ = Assembly(axis_of(AXIS, MotorEnd.FREE), 2, 96, place).modes(5)
+        np.testing.assert_allclose(np.sort(frequency), of_elements[1:], rtol=2e-3)
+
+
 def test_sensitivity_to_the_nut_is_the_slope_of_the_frequency():
     conditions = DriveConditions(0.9)
     for parameters in (AXIS, replace(AXIS, bracket_stiffness=5e8)):

@@ -83,9 +83,10 @@ def _sum_up(database: sqlite3.Connection, number: int) -> None:
         database.execute(
             "INSERT OR REPLACE INTO trend_rollups "
             "SELECT axis_number, ?2, at / ?1 * ?1, COUNT(*), COUNT(refusal_reason), MIN(at), "
-            "MIN(preload_n), MIN(CASE WHEN preload_n IS NOT NULL THEN at END), "
-            "MAX(preload_n), MAX(CASE WHEN preload_n IS NOT NULL THEN at END) "
-            "FROM trend_points WHERE axis_number = ?3 GROUP BY at / ?1",
+            "MIN(worn), MIN(CASE WHEN worn IS NOT NULL THEN at END), "
+            "MAX(worn), MAX(CASE WHEN worn IS NOT NULL THEN at END) "
+            "FROM (SELECT *, CASE WHEN set_preload_n IS NULL THEN preload_n END AS worn FROM trend_points) "
+            "WHERE axis_number = ?3 GROUP BY at / ?1",
             [span, seconds, number],
         )
 

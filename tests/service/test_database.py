@@ -5,21 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sqlalchemy import select, text
+from sqlalchemy import select, text, update
 
 from service.errors import StorageError
 from service.operations.monitoring.extremes import extremes
 from service.store import axes, intake
 from service.store.database import Database, reading, writing
 from service.store.intake import MeasurementRecord
-from service.store.tables import AxisRow, MeasurementRow, WindowRow
+from service.store.tables import AxisRow, Base, MeasurementRow, WindowRow
 from service.store.trend.points import Span, TrendPoint, add_point
-from service.store.trend.rollups import sum_up
+from service.store.trend.rollups import DAY, HOUR, begin_of, leave_out_set_preloads, rollups, sum_up
 from tests.conftest import canary
 from tests.service.conftest import START, Api, emptied, running_service, simulated_measurement
 from tests.service.test_lost_motion import HEALTHY, alarms_of, history, send, told
 
-HOUR = timedelta(hours=1)
 LATER, LAST = START + HOUR, START + timedelta(days=99)
 
 
@@ -203,11 +202,18 @@ def test_readings_set_on_purpose_hide_none_of_those_that_are_monitored(tmp_path:
         sum_up(connection, 1, [point.at for point in points])
     for span in (Span(), Span(points[90].at, points[390].at), Span(points[110].at, points[190].at)):
         with database.connect() as connection, reading(connection):
-            drawn = extremes(connection, 1, span, resolution, monitored=True)
+            drawn = extremes(connection, 1, span, resolution)
         own = [p for p in points if p.set_preload_n is None and (span.start or p.at) <= p.at < (span.end or LAST)]
         moments = [point.at for point in drawn]
         assert len(drawn) <= resolution
         assert moments == [point.at for point in own if point.at in moments]
         preloads, shown = [p.preload_n for p in own], [p.preload_n for p in drawn]
         assert (min(shown), max(shown)) == (min(preloads), max(preloads))
+    with database.connect() as connection, writing(connection):  # as an older program had summed them up
+        summed_up = [rollups(connection, 1, unit, Span()) for unit in (HOUR, DAY)]
+        held = Base.metadata.tables["trend_rollups"]
+        begins = {begin_of(p.at, unit) for p in points if p.set_preload_n is not None for unit in (HOUR, DAY)}
+        connection.execute(update(held).where(held.c.starts_at.in_(begins)).values(lowest_n=100.0, highest_n=600.0))
+        leave_out_set_preloads(connection)
+        assert [rollups(connection, 1, unit, Span()) for unit in (HOUR, DAY)] == summed_up
     database.close()

@@ -195,7 +195,7 @@ def test_stated_uncertainties_of_the_changes_cover_them() -> None:
         mixing: Array = np.linalg.cholesky(_correlation_of(rng, 3)).astype(np.float64)
         way = rng.normal(size=3)
         drawn = mixing @ way * rng.uniform(2.0, 6.0) / np.linalg.norm(way)
-        alarm = _alarm_after(drawn, mixing, rng, sessions=30)
+        alarm = _alarm_after(drawn, mixing, rng)
         for change in () if alarm is None else alarm.changes:
             estimate = change.change
             quantile = scipy.stats.t(estimate.degrees_of_freedom).ppf(0.975)

@@ -15,7 +15,7 @@ from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.residuals.peak_search import IndexArray
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.published.receptance.chain import DiscreteDrive, discretise
+from monitor_core.models.published.receptance.chain import DiscreteDrive, discretise, undamped_modes
 from monitor_core.models.published.receptance.parameters import ReceptanceParameters
 
 #: Elastic modes that are followed; the highest may lose their partners at the edge and are not returned.
@@ -121,10 +121,7 @@ def _followed(
 
 def _modes(parameters: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd) -> _Modes:
     drive = discretise(parameters, conditions, motor_end)
-    first = 1 if drive.free else 0
-    square, shapes = scipy.linalg.eigh(
-        drive.screw_stiffness + drive.joint_stiffness, drive.mass, subset_by_index=(first, first + N_FOLLOWED - 1)
-    )
+    square, shapes = undamped_modes(drive, N_FOLLOWED)
     joints = drive.joints
     series = 1.0 / (1.0 / joints.nut_stiffness + 1.0 / joints.bracket_stiffness)
     deflection = drive.nut_deflection @ shapes

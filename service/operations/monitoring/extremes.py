@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from datetime import timedelta
 from itertools import pairwise
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 
 from sqlalchemy import Connection
 
-from service.store.tables import moment_of
 from service.store.trend.points import Span
 from service.store.trend.rollups import DAY, HOUR, Extremes, begin_of, extremes_held, number_held
 from service.store.trend.shown import PageOf, ShownPoint, page_of_points, points_at
@@ -17,34 +16,19 @@ _LOWEST, _HIGHEST = itemgetter(1), itemgetter(3)
 READ_PER_POINT = 4
 
 
-def extremes(
-    connection: Connection, axis_number: int, span: Span, resolution: int, *, monitored: bool = False
-) -> list[ShownPoint]:
+def extremes(connection: Connection, axis_number: int, span: Span, resolution: int) -> list[ShownPoint]:
     """Return the lowest and the highest preload of each of so many stretches of a span, in time order.
 
     Extremes are kept because a reader looks for them; a mean would hide the low value that matters. A stretch without
-    a preload is shown by its first measurement. ``monitored``: only those whose preload was not set on purpose.
+    a preload is shown by its first measurement. Preloads that were set on purpose are left out: no axis wore so.
     """
     n_measurements, n_hours = number_held(connection, axis_number, span)
     most = READ_PER_POINT * resolution
     if n_measurements <= most:
-        points = page_of_points(connection, axis_number, PageOf(span, most + 1))
-        return thin_out(_history(points) if monitored else points, resolution)
+        return thin_out(_history(page_of_points(connection, axis_number, PageOf(span, most + 1))), resolution)
     units = [HOUR] if n_hours <= most else [DAY, HOUR]
-    held = _held(connection, axis_number, span, units)
-    stretches = _stretches(held, max(resolution // 2, 1))
-    points = points_at(connection, axis_number, set[int]().union(*map(_shown_of, stretches)))
-    if not monitored or len(history := _history(points)) == len(points):
-        return points
-    set_at = {point.at_us for point in points if point.set_preload_n is not None}
-    ends = [moment_of(stretch[0][0]) for stretch in stretches[1:]]
-    for stretch, end in zip(stretches, [*ends, span.end], strict=True):
-        shown = _shown_of(stretch)
-        if shown & set_at:  # hours and days do not tell readings apart: what else is there stands in its points
-            within = PageOf(Span(moment_of(stretch[0][0]), end), 10**6)
-            others = thin_out(_history(page_of_points(connection, axis_number, within)), 2)
-            history = [point for point in history if point.at_us not in shown] + others
-    return sorted(history, key=attrgetter("at_us", "measurement_id"))
+    stretches = _stretches(_held(connection, axis_number, span, units), max(resolution // 2, 1))
+    return _history(points_at(connection, axis_number, set[int]().union(*map(_shown_of, stretches))))
 
 
 def _history(points: Sequence[ShownPoint]) -> list[ShownPoint]:
@@ -66,7 +50,7 @@ def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[
         return []
     if not units:
         points = page_of_points(connection, axis_number, PageOf(span, 10**6))
-        return [_extremes_at(point) for point in points]
+        return [_extremes_at(point) for point in _history(points)]
     unit, smaller = units[0], units[1:]
     begin = None if span.start is None else begin_of(span.start + unit - timedelta(microseconds=1), unit)
     end = None if span.end is None else begin_of(span.end, unit)

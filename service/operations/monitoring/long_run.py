@@ -72,7 +72,7 @@ def spectra_of(database: Database, axis_id: str, healthy: HealthyFrequency | Non
     """
     with database.read() as session:
         row, connection = axes.get_axis(session, axis_id), session.connection()
-        points = extremes(connection, row.number, Span(), _CHOSEN_FROM, monitored=True)
+        points = extremes(connection, row.number, Span(), _CHOSEN_FROM)
         measured = [point for point in points if point.frequency_hz is not None]
         bare = [point for point in measured if not point.payload_kg]
         chosen, usual = _alike((bare if len(bare) > 1 else measured)[::-1])

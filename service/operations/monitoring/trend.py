@@ -333,15 +333,13 @@ class Trend:
             )
         return (first[0], last[0]) if first else None
 
-    def at_resolution(
-        self, axis_id: str, span: Span, resolution: int, *, monitored: bool = False
-    ) -> TrendPage[list[ShownPoint]]:
+    def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage[list[ShownPoint]]:
         """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload.
 
-        ``monitored``: only those whose preload was not set on purpose, which is how the axis wore.
+        Only of those whose preload was not set on purpose, which is how the axis wore.
         """
         with self._opened(axis_id) as on:
-            points = extremes(on.connection, on.number, span, resolution, monitored=monitored)
+            points = extremes(on.connection, on.number, span, resolution)
             return TrendPage(points, None, on.revision, on.stale)
 
     def measurement(self, axis_id: str, measurement_id: int) -> MeasurementView:

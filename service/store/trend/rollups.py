@@ -15,7 +15,7 @@ _BEGIN_OF_TIME, _END_OF_TIME = datetime.min.replace(tzinfo=UTC), datetime.max.re
 
 @dataclass(frozen=True, slots=True)
 class Rollup:
-    """What an hour, a day, or several of them hold."""
+    """What an hour, a day, or several of them hold; a preload that was set on purpose is no extreme of a history."""
 
     starts_at: datetime
     n_measurements: int
@@ -41,9 +41,10 @@ _ROLLUPS = table_of(
     types={},
 )
 _COLUMNS = [_ROLLUPS.c[name] for name in Rollup.__slots__]
-_OF_HOUR = select(POINTS.c.at, POINTS.c.refusal_reason, POINTS.c.preload_n).where(
+_OF_HOUR = select(POINTS.c.at, POINTS.c.refusal_reason, POINTS.c.preload_n, POINTS.c.set_preload_n).where(
     POINTS.c.axis_number == bindparam("axis"), POINTS.c.at >= bindparam("begin"), POINTS.c.at < bindparam("end")
 )
+_SET_ON_PURPOSE = select(POINTS.c.axis_number, POINTS.c.at).where(POINTS.c.set_preload_n.is_not(None))
 _BEGIN_WITHIN = (
     _ROLLUPS.c.axis_number == bindparam("axis"),
     _ROLLUPS.c.span_s == bindparam("span"),
@@ -73,6 +74,15 @@ def sum_up(connection: Connection, axis_number: int, moments: Iterable[datetime]
     for day in {begin_of(hour, DAY) for hour in hours}:
         merged = merge(day, rollups(connection, axis_number, HOUR, Span(day, day + DAY)))
         _store(connection, axis_number, DAY, day, merged)
+
+
+def leave_out_set_preloads(connection: Connection) -> None:
+    """Sum up anew what holds preloads that were set on purpose, which an older program took for extremes."""
+    moments: dict[int, list[datetime]] = {}
+    for axis_number, at in connection.execute(_SET_ON_PURPOSE).all():
+        moments.setdefault(axis_number, []).append(at)
+    for axis_number, of_axis in moments.items():
+        sum_up(connection, axis_number, of_axis)
 
 
 def rollups(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Rollup]:
@@ -125,11 +135,11 @@ def begin_of(moment: datetime, span: timedelta) -> datetime:
 
 def _points_of(connection: Connection, axis_number: int, hour: datetime) -> list[Rollup]:
     values = {"axis": axis_number, "begin": hour, "end": hour + HOUR}
-    return [
-        Rollup(at, 1, int(reason is not None), at, preload, None if preload is None else at, preload,
-               None if preload is None else at)
-        for at, reason, preload in connection.execute(_OF_HOUR, values)
-    ]  # fmt: skip
+    points = []
+    for at, reason, preload, set_preload in connection.execute(_OF_HOUR, values):
+        worn, when = (preload, at) if preload is not None and set_preload is None else (None, None)
+        points.append(Rollup(at, 1, int(reason is not None), at, worn, when, worn, when))
+    return points
 
 
 def _store(

@@ -115,10 +115,26 @@ def _screw(parameters: ReceptanceParameters, position: float) -> tuple[FloatArra
     return mass, stiffness
 
 
+def undamped_modes(drive: DiscreteDrive, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return ω² of the lowest n elastic modes, rising [1/s²], and their shapes by columns, mass-normalised [1/√kg].
+
+    Found from 1/(ω² + σ), the largest of which rounding spares: with the nut near an end of the screw the piece beside
+    it is so stiff that ω² itself would drown in it.
+    """
+    table = drive.nut_deflection.nonzero()[0][-1]
+    shift = drive.joint_stiffness[table, table] / drive.mass[table, table]
+    stiffness = drive.screw_stiffness + drive.joint_stiffness
+    last = drive.mass.shape[0] - 1 - (1 if drive.free else 0)
+    inverse, shapes = scipy.linalg.eigh(
+        drive.mass, stiffness + shift * drive.mass, subset_by_index=(max(last - n + 1, 0), last)
+    )
+    return 1.0 / inverse[::-1] - shift, (shapes / np.sqrt(inverse))[:, ::-1]
+
+
 def undamped_frequencies(drive: DiscreteDrive) -> FloatArray:
     """Return the undamped natural frequencies of the elastic modes in rising order [rad/s]."""
-    square: FloatArray = scipy.linalg.eigh(drive.screw_stiffness + drive.joint_stiffness, drive.mass, eigvals_only=True)
-    return np.asarray(np.sqrt(np.abs(square[1:] if drive.free else square)))
+    square, _ = undamped_modes(drive, drive.mass.shape[0])
+    return np.asarray(np.sqrt(square))
 
 
 def oscillating_poles(drive: DiscreteDrive) -> ComplexArray:
