@@ -7,6 +7,7 @@ from position to position in small steps, each by the shape that is most like it
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -102,14 +103,15 @@ def track_modes(
     return ModeTracks(tuple(conditions), frequency, share, sensitivity)
 
 
-def _steps(length: float, places: Sequence[float]) -> list[float]:
+def _steps(length: float, places: Sequence[float]) -> tuple[float, ...]:
     """Return positions along the screw, those asked for among them, in steps that a shape can be followed over."""
     n = math.ceil((_LAST - _FIRST) / _STEP) + 1
-    return sorted({*places, *(float(x) for x in np.linspace(_FIRST, _LAST, n) * length)})
+    return tuple(sorted({*places, *(float(x) for x in np.linspace(_FIRST, _LAST, n) * length)}))
 
 
+@lru_cache(maxsize=8)  # peaks are given their modes, and modes their bands, on one axis
 def _followed(
-    parameters: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd, positions: Sequence[float]
+    parameters: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd, positions: tuple[float, ...]
 ) -> dict[float, _Modes]:
     modes = [_modes(parameters, replace(conditions, position=position), motor_end) for position in positions]
     followed = [modes[0]]
