@@ -57,6 +57,7 @@ class EntireParts:
     held_torsion: NumberArray  # T times the angle there per torque
     nut: NumberArray  # κ_n [N/m]
     carried: Carried  # bracket and table, and what hangs on them
+    stack: "Stack | None" = None  # where it meets a second axis that moves it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,19 +127,21 @@ def entire_parts(
     bracket = (1.0 / joints.bracket_stiffness + added.series_compliance) / elastic
     table = _table(physics, omega, states)
     table_pole: NumberArray | float = 1.0
-    base = _GROUND
+    base, stack = _GROUND, None
     if physics.second is not None:
         stack = stack_of(physics.second, physics, omega, states)
         if physics.second.carried:
             table, table_pole = stack.table
         else:
             base = stack.base
+        stack = None if physics.second.is_alone else stack
     here = _Drive(physics, states)
     return EntireParts(
         *_screw(here, omega, base, memory),
         *recall(memory, _torsion, here, omega, ends, memory),
         nut=states.nut_stiffness * elastic + _damper(omega, joints.nut_damping),
         carried=carried_by_contacts(added, omega, bracket, table, table_pole),
+        stack=stack,
     )
 
 
@@ -235,10 +238,11 @@ def _bending(drive: _Drive, omega: NumberArray) -> tuple[NumberArray, NumberArra
     return yielding(drive.physics.bending, omega, along, drive.states.softening)
 
 
-def axial_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates) -> tuple[NumberArray, NumberArray]:
+def axial_part(
+    physics: AxisPhysics, omega: NumberArray, states: AxisStates, stack: Stack | None
+) -> tuple[NumberArray, NumberArray]:
     """Return A and B of a screw that does not bend."""
-    second = physics.second
-    base = _GROUND if second is None or second.carried else stack_of(second, physics, omega, states).base
+    base = _GROUND if stack is None or stack.second.carried else stack.base
     return _axial(_Drive(physics, states), omega, base, None)
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from monitor_core.arrays import FloatArray, NumberArray, acts
 from monitor_core.models.extended.bending import stiffnesses
 from monitor_core.models.extended.carried import absorber
-from monitor_core.models.extended.closed_form import EntireParts, axial_part, path_of, stack_of
+from monitor_core.models.extended.closed_form import EntireParts, axial_part, path_of
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.physics import AxisPhysics
 
@@ -36,7 +36,7 @@ def count_below(
             _of_axial(physics, omega, states, parts)
             + _of_bending(physics, omega, states)
             + _of_torsion(physics, omega, states, ends, parts)
-            + _of_carried(physics, omega, states, parts)
+            + _of_carried(omega, parts)
             - (_compliance(parts) < 0.0)
         )
 
@@ -55,10 +55,10 @@ def _of_axial(physics: AxisPhysics, omega: FloatArray, states: AxisStates, parts
         omega, far, compliance, mass, joints.far_bearing_stiffness * states.softening + hung / d
     )
     bends = acts(physics.bending.compliance)
-    axial, base = axial_part(physics, omega, states) if bends else (parts.axial, parts.axial_yield)
+    axial, base = axial_part(physics, omega, states, parts.stack) if bends else (parts.axial, parts.axial_yield)
     held, lower = near_end * far_end * d, np.zeros_like(omega, dtype=np.intp)
-    if physics.second is not None and not (physics.second.carried or physics.second.is_alone):
-        stack = stack_of(physics.second, physics, omega, states)
+    stack = parts.stack
+    if stack is not None and not stack.second.carried:
         # the lower axis with its table let go, held again where the upper one stands
         on, gives = (np.real(np.asarray(value)) for value in stack.base)
         lower = count_below(stack.second.physics, omega, stack.states, stack.ends, stack.parts) - _differ(on, gives)
@@ -105,13 +105,13 @@ def _of_torsion(
     )  # fmt: skip
 
 
-def _of_carried(physics: AxisPhysics, omega: FloatArray, states: AxisStates, parts: EntireParts) -> Counts:
+def _of_carried(omega: FloatArray, parts: EntireParts) -> Counts:
     """Count those of what the contacts carry, free of them: what hangs on it, then table, then nut."""
     carried = parts.carried
     before: FloatArray | float = 1.0
     upper = np.zeros_like(omega, dtype=np.intp)
-    if physics.second is not None and physics.second.carried and not physics.second.is_alone:
-        stack = stack_of(physics.second, physics, omega, states)  # the upper axis on a base that is held, then its yaw
+    stack = parts.stack
+    if stack is not None and stack.second.carried:  # the upper axis on a base that is held, then its yaw
         before = np.real(np.asarray(stack.table[1]))
         upper = count_below(stack.second.physics, omega, stack.states, stack.ends, stack.parts)
         upper = upper + _differ(before, np.real(stack.d))
