@@ -437,3 +437,33 @@ class MotionRecord:
     def time(self) -> FloatArray:
         """Since the first sample, shape (n_samples,) [s]."""
         return np.arange(self.position.size) / self.sample_rate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionProfile:
+    """What a control commands over time, and the force of cutting on the table meanwhile; each of shape (n,)."""
+
+    time: FloatArray  # rising [s]
+    values: FloatArray  # speed of the table [m/s], or its position, from any place [m]
+    is_speed: bool
+    force: FloatArray | None = None  # [N]
+
+    def __post_init__(self) -> None:
+        for name in ("time", "values", "force"):
+            samples = getattr(self, name)
+            if samples is None:
+                continue
+            object.__setattr__(self, name, read_only(samples))
+            if samples.shape != self.time.shape or samples.ndim != 1 or samples.size < 2:
+                raise OutsideValidityError(
+                    f"a motion must have two instants or more, and as many values; got {name} of shape {samples.shape}"
+                )
+            if not np.all(np.isfinite(samples)):
+                raise OutsideValidityError(f"{name} of a motion must be finite")
+        if not np.all(np.diff(self.time) > 0.0):
+            raise OutsideValidityError("times of a motion must rise from each to the next")
+
+    @property
+    def duration(self) -> float:
+        """From the first instant to the last [s]."""
+        return float(self.time[-1] - self.time[0])

@@ -136,6 +136,7 @@ class AxisDescription:
     parameters: Mapping[str, float]  # SI, by names that end with the unit
     uncertain: Mapping[str, float] = field(default_factory=dict)  # relative standard deviation [-]
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by key; values by names with units
+    simulation: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # of sessions without a machine
 
     @property
     def nut_follows_preload(self) -> bool:

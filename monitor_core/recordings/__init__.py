@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         write_model_file as write_model_file,
     )
     from monitor_core.recordings.motion_csv import (
+        read_motion_profile as read_motion_profile,
         read_motion_record as read_motion_record,
         write_motion_record as write_motion_record,
     )
@@ -50,7 +51,7 @@ _HOMES = {
     "frf_set": ("read_frf_set", "write_frf_set"),
     "modal_csv": ("ModalRow", "read_modal_table", "write_modal_table"),
     "model_file": ("read_model_file", "write_model_file"),
-    "motion_csv": ("read_motion_record", "write_motion_record"),
+    "motion_csv": ("read_motion_profile", "read_motion_record", "write_motion_record"),
     "raw.channels": ("Channel", "Channels"),
     "raw.formats": ("read_channels",),
     "raw.mapping.channel_map": ("read_channel_map",),

@@ -13,6 +13,9 @@
     [effects.far-bearing-stiffness]          # effects already part of the model, with their values
     stiffness_n_per_m = 3.8e7
 
+    [simulation.speed-loop]                  # of sessions without a machine: recording, friction, control
+    proportional_gain_nms_per_rad = 1.5
+
 Unknown entries are refused, and so is anything that is not a finite number where one belongs.
 """
 
@@ -23,12 +26,13 @@ from pathlib import Path
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.fitting.axis import AxisDescription
 from monitor_core.models.families import FAMILIES
+from monitor_core.models.generator.stated import stated_simulation
 from monitor_core.models.motion import FAMILY as MOTION, MotionParameters
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import naming, parse_toml, read_text
 
-_TABLES = ("parameters", "uncertain", "effects")
+_TABLES = ("parameters", "uncertain", "effects", "simulation")
 _NAME = re.compile(r"[A-Za-z0-9_.:-]+", re.ASCII)
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 
@@ -58,12 +62,14 @@ def model_file_text(model: AxisDescription) -> str:
         "parameters": dict(model.parameters),
         "uncertain": dict(model.uncertain),
         "effects": {key: dict(values) for key, values in model.effects.items()},
+        "simulation": {key: dict(values) for key, values in model.simulation.items()},
     }
     _from_document(tables, "drive model")
     sections = [("parameters", model.parameters)]
     if model.uncertain:
         sections.append(("uncertain", model.uncertain))
     sections += [(f"effects.{_key(key)}", values) for key, values in model.effects.items()]
+    sections += [(f"simulation.{key}", values) for key, values in model.simulation.items()]
     lines = [f'family = "{model.family}"']
     for name, values in sections:
         lines += ["", f"[{name}]", *(f"{_key(entry)} = {float(value)!r}" for entry, value in values.items())]
@@ -83,12 +89,18 @@ def _from_document(document: Mapping[str, object], where: str) -> AxisDescriptio
         record = _parameters_of(name)
     with naming(f"{where} [parameters]"):
         record.from_file_names(parameters, name)
-    effects = top.table("effects") if "effects" in top else Fields({}, where)
+    effects, simulation = (
+        {key: _numbers(tables.table(_require_name(key, tables))) for key in tables.values}
+        for tables in (top.table(name) if name in top else Fields({}, where) for name in ("effects", "simulation"))
+    )
+    with naming(f"{where} [simulation]"):
+        stated_simulation(simulation)
     return AxisDescription(
         family=name,
         parameters=parameters,
         uncertain=_uncertain(top.table("uncertain"), parameters) if "uncertain" in top else {},
-        effects={_require_name(key, effects): _numbers(effects.table(key)) for key in effects.values},
+        effects=effects,
+        simulation=simulation,
     )
 
 

@@ -10,12 +10,13 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import ExcitationQuantity, MotionRecord
+from monitor_core.recording import ExcitationQuantity, MotionProfile, MotionRecord
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.text import columns
 
 TIME, POSITION, REFERENCE = "time_s", "position_m", "reference_m"
+SPEED, CUTTING = "speed_m_per_s", "cutting_force_n"
 DRIVES = {"force_n": ExcitationQuantity.FORCE, "torque_nm": ExcitationQuantity.TORQUE}
 #: By which a step of time may differ from the mean one, as a part of it: times are printed to few digits, and a sample
 #: that is missing makes a step twice as long.
@@ -51,6 +52,26 @@ def read_motion_record(path: Path) -> MotionRecord:
             _column(channels, drives[0]),
             DRIVES[drives[0]],
             _column(channels, REFERENCE) if REFERENCE in channels.names else None,
+        )
+
+
+def read_motion_profile(path: Path) -> MotionProfile:
+    """Read a motion that a control shall follow: ``time_s``, ``position_m`` or ``speed_m_per_s``, ``cutting_force_n``.
+
+    Times only rise. ``RecordingFormatError`` if a column is missing, both position and speed are there, or a value is
+    not finite.
+    """
+    channels = columns.read_channels(path)
+    followed = [name for name in (POSITION, SPEED) if name in channels.names]
+    if len(followed) != 1:
+        got = " and ".join(followed) or f"neither in {', '.join(channels.names)[:200]}"
+        raise RecordingFormatError(f"{path.name}: expected one of the columns {POSITION} and {SPEED}; got {got}")
+    with naming(path.name):
+        return MotionProfile(
+            _column(channels, TIME),
+            _column(channels, followed[0]),
+            followed[0] == SPEED,
+            _column(channels, CUTTING) if CUTTING in channels.names else None,
         )
 
 

@@ -17,6 +17,7 @@ ENDINGS = {
     "transfer matrix": (".csv", ".svg"),
     "state space": (".mat",),
     "picture": (".svg",),
+    "channels of a motion": (".csv", ".svg"),
 }
 
 

@@ -28,7 +28,7 @@ def main() -> None:
 
 def checksums(folder: Path) -> str:
     """Return the checksums of all sessions, tables, model files and responses, as ``sha256sum -c`` reads them."""
-    patterns = ("*.session.h5", "published/*.csv", "models/*.toml", "hidden-effect/*")
+    patterns = ("*.session.h5", "published/*.csv", "models/*", "hidden-effect/*")
     files = sorted(file for pattern in patterns for file in folder.glob(pattern))
     return "".join(f"{hashlib.sha256(f.read_bytes()).hexdigest()}  {f.relative_to(folder).as_posix()}\n" for f in files)
 

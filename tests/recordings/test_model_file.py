@@ -55,6 +55,13 @@ def test_every_number_and_every_key_survives_to_the_last_bit(tmp_path_factory, m
     assert read_model_file(path) == model
 
 
+def test_tables_of_a_simulation_survive_a_round_trip(tmp_path):
+    model = read_model_file(MODELS / "speed-loop.toml")
+    assert model.simulation["speed-loop"]["sampling_time_s"] == 1.25e-4
+    write_model_file(tmp_path / "copy.toml", model)
+    assert read_model_file(tmp_path / "copy.toml") == model
+
+
 def test_uncertain_parameters_and_effects_are_kept_as_read(tmp_path):
     model = read(
         tmp_path,
@@ -141,7 +148,7 @@ BAD = {
     "motion without a mass": ('family = "motion"\n[parameters]\nviscous_friction_ns_per_m = 3', "needs moving_mass_kg"),
     "no parameters": ('family = "hybrid"', "drive.toml, parameters: expected a table [parameters]; it is missing"),
     "parameters of a wrong type": ('family = "hybrid"\nparameters = 3', "expected a table [parameters]; got int 3"),
-    "unknown table": (TEXT + "[motor]\n", ": expected only effects, family, parameters, uncertain; got 'motor'"),
+    "unknown table": (TEXT + "[motor]\n", "only effects, family, parameters, simulation, uncertain; got 'motor'"),
     "missing parameter": (without("table_mass_kg"), "drive.toml [parameters]: a hybrid model needs table_mass_kg"),
     "unknown parameter": (TEXT + "mass_kg = 3\n", "drive.toml [parameters]: a hybrid model has no parameter mass_kg"),
     "unit left out": (with_value("table_mass", "3"), "no parameter table_mass;"),

@@ -197,6 +197,13 @@ def test_what_a_drive_cannot_show_is_refused(preload: Any, model: str, words: tu
     assert_refused(preload("modes", MODELS / f"{model}.toml", "--position-mm", 300, *words), complaint)
 
 
+def stating(name: str, folder: Path, simulation: str) -> Path:
+    """Write a bundled model with tables of a simulation."""
+    path = folder / "stated.toml"
+    path.write_text((MODELS / f"{name}.toml").read_text(encoding="utf-8") + "\n" + simulation, encoding="utf-8")
+    return path
+
+
 # --- simulate --------------------------------------------------------------------------------------------------------
 
 
@@ -248,11 +255,11 @@ def test_the_same_seed_gives_the_same_file(preload: Any, tmp_path: Path) -> None
 
 def test_simulate_does_what_its_options_say(preload: Any, tmp_path: Path) -> None:
     out = tmp_path / "out.h5"
+    recording = "[simulation.recording]\nsample_rate_hz = 2048\ntorque_noise_nm = 0\nacceleration_noise_m_per_s2 = 0\n"
     words = (
-        "simulate", MODELS / "lumped.toml", "--out", out,
-        "--position-mm", 300, 600, "--preload-n", 150, 250, "--payload-kg", 4,
-        "--windows", 3, "--seconds", 0.5, "--sample-rate-hz", 2048, "--excitation-source", "drive", "--friction-n", 8,
-        "--torque-noise-nm", 0, "--acceleration-noise-m-s2", 0,
+        "simulate", stating("lumped", tmp_path, recording + "[simulation.friction-at-guides]\ncoulomb_n = 8\n"),
+        "--out", out, "--position-mm", 300, 600, "--preload-n", 150, 250, "--payload-kg", 4,
+        "--windows", 3, "--seconds", 0.5, "--excitation-source", "drive",
     )  # fmt: skip
     answer = preload(*words)
     assert answer.exit_code == 0
@@ -263,8 +270,9 @@ def test_simulate_does_what_its_options_say(preload: Any, tmp_path: Path) -> Non
     assert settings == {(0.3, 150.0, 4.0), (0.6, 150.0, 4.0), (0.3, 250.0, 4.0), (0.6, 250.0, 4.0)}
     first = session.windows[0]
     assert (first.n_samples, first.sample_rate, str(first.excitation_source)) == (1024, 2048.0, "drive")
-    assert session.axis_id == "lumped"
-    quiet = preload(*words[:-4], "--force", "--friction-n", 0, *words[-4:], "--json").json()
+    assert session.axis_id == "stated"
+    stating("lumped", tmp_path, recording)
+    quiet = preload(*words, "--force", "--json").json()
     assert quiet["windows"] == 12
     drag = np.abs(first.excitation).max() - np.abs(read_session(out).windows[0].excitation).max()
     assert drag != 0.0
@@ -317,26 +325,74 @@ def test_bad_input_is_one_line(
         (("simulate", "hybrid.toml", "--out", "x.h5", "--windows", 0), "--windows"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--seconds", 0), "window_duration must be positive; got 0.0 s"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--seconds", 0.1), "a move takes up to 0.069 s"),
-        (("simulate", "hybrid.toml", "--out", "x.h5", "--sample-rate-hz", 500), "sample_rate of at least 1333.33 Hz"),
-        (
-            ("simulate", "hybrid.toml", "--out", "x.h5", "--friction-n", -1),
-            "coulomb of the guides must not be negative",
-        ),
-        (("simulate", "hybrid.toml", "--out", "x.h5", "--friction-n", 1e6), "must not exceed the 508.3 N"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--seconds", 1e12), "must not exceed 16,777,216 samples"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--windows", 10**9), "must not exceed 16,777,216 samples"),
-        (("simulate", "hybrid.toml", "--out", "x.h5", "--sample-rate-hz", 1e9), "must not exceed 16,777,216 samples"),
-        (("simulate", "hybrid.toml", "--out", "x.h5", "--torque-noise-nm", 1e300), "must fit into single precision"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--channels", "x.csv"), "--channels goes with --motion"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--motion", "to-and-fro.csv"), "of the family transmission-line"),
+        (
+            ("simulate", "transmission-line.toml", "--out", "x.h5", "--motion", "to-and-fro.csv"),
+            "[simulation.speed-loop]",
+        ),
+        (("simulate", "speed-loop.toml", "--out", "x.h5", "--motion", "speed-loop.toml"), "speed-loop.toml"),
         (("simulate", "none.toml", "--out", "nodir/x.h5"), "cannot write x.h5: folder nodir does not exist"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--preload-n", 100), "state the rating"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--position-mm", 0), "position must lie on the screw"),
     ]:
         with subtests.test(words=words, complaint=complaint):
             monkeypatch.chdir(tmp_path)
-            for name in ("lumped", "hybrid"):
-                (tmp_path / f"{name}.toml").write_bytes((MODELS / f"{name}.toml").read_bytes())
+            for name in ("lumped.toml", "hybrid.toml", "transmission-line.toml", "speed-loop.toml", "to-and-fro.csv"):
+                (tmp_path / name).write_bytes((MODELS / name).read_bytes())
             assert_refused(preload(*words), complaint)
             assert not (tmp_path / "x.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("simulation", "complaint"),
+    [
+        ("[simulation.recording]\nsample_rate_hz = 500", "sample_rate of at least 1333.33 Hz"),
+        ("[simulation.recording]\nsample_rate_hz = 1e9", "must not exceed 16,777,216 samples"),
+        ("[simulation.recording]\ntorque_noise_nm = 1e300", "must fit into single precision"),
+        ("[simulation.recording]\nrate = 1", "recording has the entries sample_rate_hz, "),
+        ("[simulation.friction-at-guides]\ncoulomb_n = -1", "coulomb friction must not be negative"),
+        ("[simulation.friction-at-guides]\ncoulomb_n = 1e6", "must not exceed the 508.3 N"),
+        ("[simulation.friction-at-nut]\nstatic_nm = 1", "; without coulomb_nm"),
+        ("[simulation.friction-at-chuck]\ncoulomb_nm = 1", "got 'friction-at-chuck'"),
+        ("[simulation.speed-loop]\nintegral_time_s = 1", "; without current_lag_s"),
+    ],
+)
+def test_a_simulation_that_cannot_be_is_one_line(preload: Any, tmp_path: Path, simulation: str, complaint: str) -> None:
+    model = stating("hybrid", tmp_path, simulation)
+    assert_refused(preload("simulate", model, "--out", tmp_path / "x.h5"), complaint)
+    assert not (tmp_path / "x.h5").exists()
+
+
+def test_a_motion_is_followed_in_the_loop_and_its_session_shows_the_axis(preload: Any, tmp_path: Path) -> None:
+    """By the drive's torque with the commanded speed as its reference, in windows without pause."""
+    out, motion = tmp_path / "out.session.h5", tmp_path / "motion.csv"
+    times = np.arange(0.0, 12.01, 0.05)
+    rows = [f"{t:.2f},{0.012 * np.sin(np.pi * t):.6f},{500.0 * (t > 3.0):g}" for t in times.tolist()]
+    motion.write_text("\n".join(["time_s,speed_m_per_s,cutting_force_n", *rows]), encoding="utf-8")
+    words = ("simulate", MODELS / "speed-loop.toml", "--motion", motion, "--position-mm", 400)
+    words += ("--excitation-source", "drive", "--out", out, "--force")
+    truth = preload(*words, "--channels", tmp_path / "c.csv", "--json").json()
+    assert truth["windows"] == 11
+    assert preload("check", out, "--json").json()["valid"] is True
+    (found,) = preload("frf", out, "--band-hz", 100, 200, "--json").json()["measurements"]
+    deviation = found["frequency_hz"] - truth["measurements"][0]["model_frequency_hz"]
+    assert abs(deviation) < 3.0 * found["frequency_standard_uncertainty_hz"] + 0.1  # and some for 4 mm farther
+    first, second = read_session(out).windows[:2]
+    assert str(first.source) == "drive-by-reference"
+    assert (second.started_at - first.ended_at).total_seconds() == 0.0
+    with (tmp_path / "c.csv").open(encoding="utf-8") as stream:
+        names = stream.readline().strip().split(",")
+        channels = dict(zip(names, np.loadtxt(stream, delimiter=",").T, strict=True))
+    late = channels["time_s"] > 4.0
+    mounted = channels["bearing_force_n"] + channels["far_bearing_force_n"]
+    # of Newton's law, over whole periods: what the mountings hold is the cutting force and the friction, no more
+    assert np.mean(mounted[late]) == pytest.approx(500.0, abs=30.0)
+    assert np.ptp(channels["travel_m"]) == pytest.approx(0.0076, abs=0.001)
+    preload(*words, "--channels", tmp_path / "c.svg")
+    assert (tmp_path / "c.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
 def test_a_model_without_damping_is_told_so(preload: Any, undamped: Path, tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         service.cli.calibrate: ("opened_session", "read_modal_table", "calibrate_judged", "fit_calibration"),
         service.cli.identify: ("responses_of_data", "read_modal_table", "identify_joints"),
         service.cli.explain: ("responses_of_data", "read_modal_table", "explain_axis"),
-        service.cli.simulate: ("built_model", "simulate_measurements"),
+        service.cli.simulate: ("described_model", "simulate_measurements"),
         service.cli.modes: ("built_model",),
     }.items():
         for name in names:

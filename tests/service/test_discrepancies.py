@@ -114,7 +114,6 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Simulate a session of Tian's axis at three positions."""
     path = tmp_path_factory.mktemp("session") / "axis.session.h5"
     words = ("simulate", MODEL, "--out", path, "--position-mm", 600, 1000, 1600, "--windows", N_WINDOWS)
-    words += ("--friction-n", 0.0)
     assert run_here(*words) == 0
     return path
 

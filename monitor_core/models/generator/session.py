@@ -94,6 +94,7 @@ class SimulationSettings:
     friction: GuideFriction = field(default_factory=GuideFriction)
     torque_noise: float = 0.005  # standard deviation of white noise [N·m]
     acceleration_noise: float = 0.05  # the same [m/s²]
+    random_speed: float = 0.0  # added to a motion that a control follows, white up to half the rate [m/s rms]
     encoder_resolution: float = 1e-7  # travel of one count; 0: none [m]
     reference_temperature: float = 20.0  # at which the temperature deviation is zero [°C]
 
@@ -106,7 +107,10 @@ class SimulationSettings:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise OutsideValidityError(f"{name} must be positive; got {value} {unit}")
-        for name, unit in (("torque_noise", "N·m"), ("acceleration_noise", "m/s²"), ("encoder_resolution", "m")):
+        for name, unit in (
+            ("torque_noise", "N·m"), ("acceleration_noise", "m/s²"), ("random_speed", "m/s"),
+            ("encoder_resolution", "m"),
+        ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):
                 raise OutsideValidityError(f"{name} must not be negative; got {value} {unit}")
@@ -255,10 +259,7 @@ def _record(
     rng: np.random.Generator,
 ) -> tuple[Window, ...]:
     """Return what the sensors and the linear encoder of the table make of one condition's motion."""
-    torque = _single(_with_noise(motion.torque[:, place], settings.torque_noise, rng), "torque", "N·m")
-    acceleration = _single(
-        _with_noise(motion.acceleration[:, place] + beyond, settings.acceleration_noise, rng), "acceleration", "m/s²"
-    )
+    torque, acceleration = sensed(motion.torque[:, place], motion.acceleration[:, place] + beyond, settings, rng)
     # the travel of the window is centred on the stated position
     travel = reference.travel
     centre = 0.5 * (travel.max(axis=0) + travel.min(axis=0))
@@ -283,6 +284,16 @@ def _record(
             position_trace=encoder[:, w],
         )
         for w in range(settings.windows_per_measurement)
+    )
+
+
+def sensed(
+    torque: FloatArray, acceleration: FloatArray, settings: SimulationSettings, rng: np.random.Generator
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return torque and acceleration with the noise of their sensors, in single precision."""
+    return (
+        _single(_with_noise(torque, settings.torque_noise, rng), "torque", "N·m"),
+        _single(_with_noise(acceleration, settings.acceleration_noise, rng), "acceleration", "m/s²"),
     )
 
 

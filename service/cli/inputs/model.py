@@ -20,6 +20,7 @@ from service.operations.foreign_file import foreign_format, read_foreign
 # imported where they are needed: modes and simulate take no data
 if TYPE_CHECKING:
     from monitor_core.discrepancy import SettingTolerances
+    from monitor_core.fitting.axis import AxisDescription
     from monitor_core.measured_responses import SessionResponses
     from service.cli.inputs.data import Data
 
@@ -95,11 +96,17 @@ def model_at(path: Path) -> Path:
     return path
 
 
-def built_model(path: Path, effects_path: Path | None = None) -> DriveModel:
+def described_model(path: Path, effects_path: Path | None = None) -> tuple["AxisDescription", DriveModel]:
     """Read a model file and build the model; what keeps it from being built is a fault of the file."""
     own = () if effects_path is None else read_effect_file(effects_path)
     with naming(path.name):
-        return read_model_file(model_at(path)).build((*DRIVE_EFFECTS, *own))
+        description = read_model_file(model_at(path))
+        return description, description.build((*DRIVE_EFFECTS, *own))
+
+
+def built_model(path: Path, effects_path: Path | None = None) -> DriveModel:
+    """Return the model of a file; raises as :func:`described_model`."""
+    return described_model(path, effects_path)[1]
 
 
 def require_session(accelerometer: str | None, *, of_session: bool) -> None:

@@ -12,10 +12,12 @@ from monitor_core.models.published.transmission_line.grid import (
     TransmissionLineParameters as TransmissionLineParameters,
     closest_common_step_grid as closest_common_step_grid,
     common_step_grid as common_step_grid,
+    discretise as discretise,
     synchronised_grid as synchronised_grid,
 )
 from monitor_core.models.published.transmission_line.model import (
     DriveMotion as DriveMotion,
+    DriveRun as DriveRun,
     TransmissionLineModel as TransmissionLineModel,
     simulate_drive as simulate_drive,
 )

@@ -142,7 +142,7 @@ def compiled_stepper() -> Stepper:
         _draw, _free_velocity, _place, _slot,
     ):  # fmt: skip
         register_jitable(called)
-    return cast(Stepper, numba.njit(advance))
+    return cast(Stepper, numba.njit(advance, nogil=True))
 
 
 def compiler_installed() -> bool:

@@ -34,6 +34,7 @@ from monitor_core.models.published.transmission_line.grid import (
 )
 from monitor_core.models.published.transmission_line.kernel import (
     Inputs,
+    LineDrive,
     LineState,
     Outputs,
     Rings,
@@ -104,18 +105,35 @@ def simulate_drive(
     commanded = _finite("speed", np.zeros_like(torque) if speed is None else speed, torque.shape)
     if position is None:
         position = np.full_like(torque, conditions.position)
-    place = _places(_finite("position", position, torque.shape), parameters.screw_length, grid)
-
+    position = _finite("position", position, torque.shape)
     drive = discretise(parameters, grid, conditions, motor_end, friction, control=control)
-    stepper, sequence = (compiled_stepper(), _array) if compiler_installed() else (advance, _list)
-    outputs = Outputs(*(sequence(np.zeros(torque.size)) for _ in Outputs._fields))
-    rings = Rings(*(sequence(np.zeros(n)) for n in 2 * (grid.axial_sections,) + 2 * (grid.torsional_sections,)))
-    inputs = Inputs(*(sequence(values) for values in (torque, commanded, force, *place)))
-    stepper(drive, LineState(), rings, inputs, outputs)
-    recorded = tuple(np.asarray(values) for values in outputs)
-    for samples in recorded:
-        samples.setflags(write=False)
-    return DriveMotion(grid.time_step, *recorded)
+    run = DriveRun(drive, grid, parameters.screw_length)
+    return DriveMotion(grid.time_step, *run.advance(torque, commanded, force, position))
+
+
+class DriveRun:
+    """A drive from rest, advanced piece by piece; what it is given is that of :func:`simulate_drive`, and finite."""
+
+    def __init__(self, drive: LineDrive, grid: LineGrid, screw_length: float) -> None:
+        self._drive, self._grid, self._length = drive, grid, screw_length
+        self._stepper, self._sequence = (compiled_stepper(), _array) if compiler_installed() else (advance, _list)
+        self._rings = Rings(
+            *(self._sequence(np.zeros(n)) for n in 2 * (grid.axial_sections,) + 2 * (grid.torsional_sections,))
+        )
+        self._state = LineState()
+
+    def advance(
+        self, torque: FloatArray, speed: FloatArray, force: FloatArray, position: FloatArray
+    ) -> tuple[FloatArray, ...]:
+        """Return what ``Outputs`` names over the next steps, write-protected."""
+        places = _places(position, self._length, self._grid)
+        inputs = Inputs(*(self._sequence(values) for values in (torque, speed, force, *places)))
+        outputs = Outputs(*(self._sequence(np.zeros(torque.size)) for _ in Outputs._fields))
+        self._state = self._stepper(self._drive, self._state, self._rings, inputs, outputs)
+        recorded = tuple(np.asarray(values) for values in outputs)
+        for samples in recorded:
+            samples.setflags(write=False)
+        return recorded
 
 
 def _array(values: FloatArray) -> MutableSequence[float]:
