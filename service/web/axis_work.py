@@ -13,6 +13,7 @@ from service.errors import InvalidRequestError, UnknownResourceError
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RequestModel
 from service.operations.monitoring import maintenance
+from service.operations.monitoring.lost_motion import LostMotionIn
 from service.operations.monitoring.maintenance import MaintenanceIn, Work
 from service.store.tables import MaintenanceRow
 from service.web.forms import MomentText, moment_of, number_of
@@ -83,6 +84,40 @@ def _when(form: WorkForm) -> datetime:
     if at is None:
         raise InvalidRequestError("expected when the work was done; got nothing")
     return at
+
+
+class LostMotionForm(BaseModel):
+    """Lost motion as somebody measured it, in numbers with a decimal point or comma."""
+
+    measurement: Annotated[str, Field(min_length=1, max_length=200)]
+    at: MomentText
+    zone: Annotated[str, Field(max_length=60)] = "UTC"
+    position_mm: Annotated[str, Field(max_length=40)]
+    reversal_value_um: Annotated[str, Field(max_length=40)]
+    standard_uncertainty_um: Annotated[str, Field(max_length=40)]
+    half_interval_um: Annotated[str, Field(max_length=40)]
+    n_reversals: Annotated[int, Field(ge=4, le=1_000_000)]
+
+
+@router.post("/axes/{axis}/lost-motion", dependencies=[needs(Scope.WINDOWS_WRITE)])
+def enter_lost_motion(axis: AxisId, form: Annotated[LostMotionForm, Form()], on: ServicesOf) -> Response:
+    """Take lost motion as `preload lost-motion` or a dial gauge tells it, and go back to the axis."""
+    names = ("position_mm", "reversal_value_um", "standard_uncertainty_um", "half_interval_um")
+    stated = {name: number_of(getattr(form, name), name) for name in names}
+    value, half = stated["reversal_value_um"], stated["half_interval_um"]
+    if value is None or half is None:
+        raise InvalidRequestError("expected the reversal value and half of its interval; got nothing")
+    reading = {
+        "at": moment_of(form.at, form.zone),
+        "measurement": form.measurement,
+        "position_mm": stated["position_mm"],
+        "reversal_value_um": value,
+        "reversal_value_standard_uncertainty_um": stated["standard_uncertainty_um"],
+        "reversal_value_interval_95_um": (value - half, value + half),
+        "n_reversals": form.n_reversals,
+    }
+    on.lost_motion.take(axis, [LostMotionIn.model_validate(reading)])
+    return done(f"/axes/{axis}", "lost-motion-entered")
 
 
 @router.post("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])

@@ -184,6 +184,13 @@ def _upload_page(page: Page, axis: str, on: Services, *, refusal: str = "", stat
     )
 
 
+@router.post("/axes/{axis}/import/{recording}/remove", dependencies=[needs(Scope.WINDOWS_WRITE)])
+def remove(axis: AxisId, recording: RowId, on: ServicesOf) -> Response:
+    """Remove the files of a recording; the windows that were taken from it stay."""
+    on.recordings.remove(axis, recording)
+    return done(f"/axes/{axis}/import", "removed")
+
+
 def _recording_page(
     page: Page, on: Services, view: RecordingView, *, refusal: str = "", typed: Mapping[str, str] | None = None,
     status: int = 200

@@ -54,6 +54,8 @@ DONE: Final = {
     "commented": N_("Your comment stands in the log."),
     "shelved": N_("The alarm rests; until then nobody is told of it."),
     "cleared": N_("The alarm is cleared: a new baseline is learnt from here on."),
+    "removed": N_("The files are removed; the windows that were taken from them stay."),
+    "lost-motion-entered": N_("The lost motion is entered."),
     "registered": N_("Registered. Now import a recording of it."),
     "import-begun": N_("Its windows are being taken."),
     "fit-begun": N_("The fit has begun."),

@@ -12,8 +12,9 @@ from service.operations import retention
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId, Text
 from service.operations.monitoring.rejudgements import RejudgementIn
+from service.operations.monitoring.replay import ReplayIn
 from service.operations.retention import Reason
-from service.web.forms import SpanForm
+from service.web.forms import SpanForm, number_of
 from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)
@@ -28,6 +29,13 @@ class RejudgeForm(SpanForm):
     in_force: Annotated[str, Field(max_length=30)]
     let_it_stand: bool = False
     reason: Text = "the history was judged anew"
+
+
+class ReplayForm(BaseModel):
+    """Which recorded session is replayed, and how many times as fast as it was recorded; empty: as fast as it goes."""
+
+    session: Annotated[str, Field(max_length=100)]
+    speed: Annotated[str, Field(max_length=40)] = ""
 
 
 class PinForm(SpanForm):
@@ -55,7 +63,15 @@ def stored_page(axis: AxisId, page: PageOf, on: ServicesOf) -> Response:
         measured=None if ends is None else (ends[0].at, ends[1].at),
         pins=retention.list_pins(on.database, axis, None, _MOST_PINS),
         rule=on.surveys.rule,
+        sessions=on.replays.sessions(),
     )
+
+
+@router.post("/axes/{axis}/stored/replays", dependencies=[needs(Scope.REPLAYS_RUN)])
+def replay(axis: AxisId, form: Annotated[ReplayForm, Form()], on: ServicesOf) -> Response:
+    """Begin to replay a recorded session, and lead to the job."""
+    asked = {"session": form.session, "speed": number_of(form.speed, "speed")}
+    return done(f"/jobs/{on.replays.start(axis, ReplayIn.model_validate(asked)).id}", "begun")
 
 
 @router.post("/axes/{axis}/stored/rejudgements", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])

@@ -13,7 +13,7 @@ from service.api.system import ReceiverOut, SystemOut
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.system import system_status
-from service.web.site import PageOf
+from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)
 
@@ -42,6 +42,12 @@ def system_page(page: PageOf, query: Annotated[SystemQuery, Query()], request: R
         most_entries=_MOST_ENTRIES,
         query=query,
     )
+
+
+@router.post("/system/purges", dependencies=[needs(Scope.ADMIN)])
+def purge(request: Request, on: ServicesOf) -> Response:
+    """Let go now what the rule does not keep, and lead to the job; the page says before how much that is."""
+    return done(f"/jobs/{on.purges.begin(request.state.caller.name).id}", "begun")
 
 
 #: The program that draws it writes styles as it goes.

@@ -1,0 +1,73 @@
+"""What the wire can do a person can do from a page: purge, remove a recording, replay a session, enter lost motion."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from monitor_core.recording import Session
+from monitor_core.recordings.session_hdf5 import write_session
+from tests.service.conftest import START, Api, running_service, simulated_measurement
+from tests.service.test_jobs import wait_for
+
+
+def sent(api: Api, path: str, **fields: object) -> str:
+    """Send a form, and return where it leads."""
+    answer = api.http.post(path, data=fields, headers={"accept": "text/html"}, follow_redirects=False)
+    assert answer.status_code == 303, answer.text
+    return answer.headers["location"]
+
+
+def recorded(path: Path) -> Path:
+    """Write a session of one measurement."""
+    windows = simulated_measurement(np.random.default_rng(1), "m", n_windows=2)
+    write_session(path, Session("axis", tuple(windows)))
+    return path
+
+
+def test_lost_motion_is_entered_from_the_page_of_the_axis(api: Api) -> None:
+    api.register("axis")
+    assert 'action="/axes/axis/lost-motion"' in api.http.get("/axes/axis").text
+    fields = {
+        "at": START.strftime("%Y-%m-%dT%H:%M"), "measurement": "by hand", "position_mm": "500",
+        "reversal_value_um": "7,5", "standard_uncertainty_um": "0,2", "half_interval_um": "0,5", "n_reversals": "9",
+    }  # fmt: skip
+    assert sent(api, "/axes/axis/lost-motion", **fields) == "/axes/axis?done=lost-motion-entered"
+    (reading,) = api.http.get("/v1/axes/axis/lost-motion").json()["points"]
+    assert (reading["reversal_value_um"], reading["reversal_value_interval_95_um"]) == (7.5, [7.0, 8.0])
+    assert "Umkehrspanne" in api.http.get("/axes/axis", headers={"accept-language": "de"}).text
+
+
+def test_the_files_of_a_recording_are_removed_from_its_page(api: Api, tmp_path: Path) -> None:
+    api.register("axis")
+    session = recorded(tmp_path / "a.session.h5")
+    job = api.http.post("/v1/axes/axis/recordings", files={"file": (session.name, session.read_bytes())}).json()
+    wait_for(api, job["id"], "done")
+    (uploaded,) = api.http.get("/v1/axes/axis/recordings").json()["recordings"]
+    number = uploaded["id"]
+    page = f"/axes/axis/import/{number}"
+    assert sent(api, f"{page}/remove") == "/axes/axis/import?done=removed"
+    assert api.http.get(f"/v1/axes/axis/recordings/{number}").status_code == 404
+
+
+def test_a_session_is_replayed_from_the_page_of_stored_periods(tmp_path: Path) -> None:
+    folder = tmp_path / "replay"
+    folder.mkdir()
+    recorded(folder / "short.session.h5")
+    with running_service(tmp_path / "var", replay_dir=folder) as api:
+        api.register("axis", windows_per_measurement=2)
+        assert "<option>short</option>" in api.http.get("/axes/axis/stored").text
+        job = sent(api, "/axes/axis/stored/replays", session="short", speed="")
+        assert api.http.get(f"/v1{job.partition('?')[0]}").json()["kind"] == "replay"
+        assert api.http.post("/axes/axis/stored/replays", data={"session": "none"}).status_code == 404
+
+
+@pytest.mark.parametrize("days", [None, 30])
+def test_a_purge_is_begun_from_the_page_of_the_system(tmp_path: Path, days: int | None) -> None:
+    with running_service(tmp_path, keep_raw_days=days) as api:
+        assert "/system/purges" not in api.http.get("/system").text  # nothing is old enough
+        if days is None:
+            assert api.http.post("/system/purges").status_code == 409
+        else:
+            job = sent(api, "/system/purges")
+            assert api.http.get(f"/v1{job.partition('?')[0]}").json()["kind"] == "purge"
