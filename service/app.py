@@ -53,7 +53,7 @@ from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.renewal import renew_charts
-from service.operations.monitoring.lost_motion import LostMotion, renew_lost_motion
+from service.operations.monitoring.lost_motion import Readings, renew_readings
 from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
@@ -193,7 +193,7 @@ def open_database(settings: Settings) -> Database:
 def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, list[StatePublisher]]":
     database = open_database(settings)
     renew_charts(database)
-    renew_lost_motion(database)
+    renew_readings(database)
     waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
     runner = JobRunner(database, {}, settings.max_waiting_jobs)  # each operation below says which work it does
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
@@ -217,7 +217,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> "tuple[Services, li
         calibration_jobs=CalibrationJobs(database, waveforms, runner),
         rejudgements=Rejudgements(database, waveforms, runner),
         alarms=Alarms(database),
-        lost_motion=LostMotion(database),
+        readings=Readings(database),
         changes=Changes(database),
         replays=Replays(settings.replay_dir, ingest, runner),
         trials=Trials(database, waveforms, runner, ingest),

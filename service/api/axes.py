@@ -268,7 +268,7 @@ def get_standing(axis: AxisId, services: ServicesOf) -> StandingOut:
             services.calibrations.overview(axis),
             services.history.of(axis),
         )
-        alarms, lost_motion = services.alarms.list(axis, None, None, MOST_TOLD), services.lost_motion.standing(axis)
+        alarms, lost_motion = services.alarms.list(axis, None, None, MOST_TOLD), services.readings.standing(axis)
     stands = standing(facts_of(status, overview, alarms, history, lost_motion))
     sentence, next_step = in_english(stands.sentence), in_english(stands.next_step)
     return StandingOut(axis=axis, state=status.state, sentence=sentence, next_step=next_step)

@@ -1,4 +1,4 @@
-"""``/v1/axes/{axis}/lost-motion``: what an axis loses where it turns back, and how that stands."""
+"""``/v1/axes/{axis}/lost-motion`` and ``…/torque``: what is charted apart from the preload, and how it stands."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -14,7 +14,7 @@ from service.api.services import ServicesOf, api_router
 from service.documents.said import in_english
 from service.operations.access.scopes import Scope
 from service.operations.fields import AnswerModel, AxisId, Moment, RequestModel
-from service.operations.monitoring.lost_motion import EXAMPLE, MOST_AT_ONCE, LostMotionIn
+from service.operations.monitoring.lost_motion import EXAMPLE, MOST_AT_ONCE, LostMotionIn, TorqueIn, TorqueQuantity
 from service.store.trend.points import Span
 
 router = api_router("lost motion")
@@ -43,13 +43,13 @@ class LostMotionPointOut(AnswerModel):
     at: datetime
     measurement: Annotated[str, Field(validation_alias="name")]
     position_mm: float
-    reversal_value_um: float
-    reversal_value_standard_uncertainty_um: Annotated[float, Field(validation_alias="standard_uncertainty_um")]
-    reversal_value_interval_95_um: Annotated[tuple[float, float], Field(validation_alias="interval_95_um")]
+    reversal_value_um: Annotated[float, Field(validation_alias="value")]
+    reversal_value_standard_uncertainty_um: Annotated[float, Field(validation_alias="standard_uncertainty")]
+    reversal_value_interval_95_um: Annotated[tuple[float, float], Field(validation_alias="interval_95")]
     play_interval_95_um: Annotated[
         tuple[float, float] | None, Field(description="of that part of it that is play; null: not told from wind-up")
     ]
-    n_reversals: int
+    n_reversals: Annotated[int, Field(validation_alias="n_repeats")]
     temperature_c: float | None
     state: Annotated[str, Field(description="of the chart of lost motion, after it")]
     uncharted: Annotated[
@@ -75,7 +75,7 @@ class LostMotionOut(BaseModel):
     next_cursor: datetime | None
 
 
-class LostMotionQuery(TableQuery):
+class ReadingQuery(RequestModel):
     """Which part of the readings."""
 
     start: Moment | None = Field(default=None, alias="from", description="inclusive")
@@ -84,11 +84,62 @@ class LostMotionQuery(TableQuery):
     limit: Annotated[int, Field(ge=1, le=10_000)] = 1000
 
 
+class LostMotionQuery(ReadingQuery, TableQuery):
+    """Which part of the readings, and in which form."""
+
+
+class TorquesIn(RequestModel):
+    """Readings of the torque of an axis, in any order."""
+
+    readings: Annotated[list[TorqueIn], Field(min_length=1, max_length=MOST_AT_ONCE)]
+
+
+class TorqueReceipt(BaseModel):
+    """How many readings are new, and how many were there already."""
+
+    accepted: int
+    already_there: int
+
+
+class TorquePointOut(AnswerModel):
+    """Drag torque or an order's amplitude of one log."""
+
+    at: datetime
+    measurement: Annotated[str, Field(validation_alias="name")]
+    position_mm: float
+    value: float
+    unit: str
+    standard_uncertainty: float
+    interval_95: tuple[float, float]
+    n_repeats: int
+    temperature_c: float | None
+    state: Annotated[str, Field(description="of the chart of this quantity, after it")]
+    uncharted: Literal["other-place"] | None
+
+
+class TorqueOut(BaseModel):
+    """Readings of one quantity in time order, and how it stands now; `next_cursor` fetches the following page."""
+
+    axis: str
+    quantity: TorqueQuantity
+    state: Annotated[str, Field(description="unknown: not measured, or not lately; it raises no alarm of its own")]
+    since: datetime | None
+    sentence: str
+    watched_at_mm: float | None
+    baseline: Annotated[float | None, Field(description="null while it is learnt")]
+    prediction_interval_95: Annotated[
+        tuple[float, float] | None, Field(description="in which one more healthy session is expected")
+    ]
+    false_alarms_per_year: Annotated[float, Field(description="of this quantity, as stated for each chart of the axis")]
+    points: list[TorquePointOut]
+    next_cursor: datetime | None
+
+
 @router.post("/axes/{axis}/lost-motion", dependencies=[needs(Scope.WINDOWS_WRITE)])
 def post_lost_motion(axis: AxisId, body: LostMotionsIn, services: ServicesOf) -> LostMotionReceipt:
     """Take lost motion as `preload lost-motion` measures it; a reading that is sent once more changes nothing."""
-    taken = services.lost_motion.take(axis, body.readings)
-    standing = services.lost_motion.standing(axis)
+    taken = services.readings.take(axis, body.readings)
+    standing = services.readings.standing(axis)
     return LostMotionReceipt(
         accepted=taken.accepted, already_there=taken.already_there, state=standing.state,
         sentence=in_english(standing.sentence),
@@ -108,14 +159,14 @@ def get_lost_motion(
 
     def page(query: LostMotionQuery) -> tuple[Sequence[LostMotionPointOut], datetime | None]:
         span = Span(query.start, query.end)
-        readings = services.lost_motion.page(axis, span, after=query.cursor, limit=query.limit)
+        readings = services.readings.page(axis, span, after=query.cursor, limit=query.limit)
         return [LostMotionPointOut.model_validate(reading) for reading in readings], readings[-1].at if len(
             readings
         ) == query.limit else None
 
     if query.format is not None:
         return table(f"{axis}-lost-motion", LostMotionPointOut, query, page)
-    standing = services.lost_motion.standing(axis)
+    standing = services.readings.standing(axis)
     points, cursor = page(query)
     return LostMotionOut(
         axis=axis,
@@ -123,9 +174,39 @@ def get_lost_motion(
         since=standing.since,
         sentence=in_english(standing.sentence),
         watched_at_mm=standing.place_mm,
-        baseline_um=standing.baseline_um,
-        prediction_interval_95_um=standing.baseline_interval_95_um,
+        baseline_um=standing.baseline,
+        prediction_interval_95_um=standing.baseline_interval_95,
         false_alarms_per_year=standing.false_alarms_per_year,
         points=list(points),
         next_cursor=cursor,
+    )
+
+
+@router.post("/axes/{axis}/torque", dependencies=[needs(Scope.WINDOWS_WRITE)])
+def post_torque(axis: AxisId, body: TorquesIn, services: ServicesOf) -> TorqueReceipt:
+    """Take what `preload torque` measures; a reading that is sent once more changes nothing."""
+    taken = services.readings.take(axis, body.readings)
+    return TorqueReceipt(accepted=taken.accepted, already_there=taken.already_there)
+
+
+@router.get("/axes/{axis}/torque/{quantity}", dependencies=[needs(Scope.TRENDS_READ)])
+def get_torque(
+    axis: AxisId, quantity: TorqueQuantity, query: Annotated[ReadingQuery, Query()], services: ServicesOf
+) -> TorqueOut:
+    """Return drag torque or the amplitude of an order, and how it stands."""
+    span = Span(query.start, query.end)
+    readings = services.readings.page(axis, span, after=query.cursor, limit=query.limit, quantity=quantity)
+    standing = services.readings.standing(axis, quantity)
+    return TorqueOut(
+        axis=axis,
+        quantity=quantity,
+        state=standing.state,
+        since=standing.since,
+        sentence=in_english(standing.sentence) if readings else "",
+        watched_at_mm=standing.place_mm,
+        baseline=standing.baseline,
+        prediction_interval_95=standing.baseline_interval_95,
+        false_alarms_per_year=standing.false_alarms_per_year,
+        points=[TorquePointOut.model_validate(reading) for reading in readings],
+        next_cursor=readings[-1].at if len(readings) == query.limit else None,
     )

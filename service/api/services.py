@@ -22,7 +22,7 @@ from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
-from service.operations.monitoring.lost_motion import LostMotion
+from service.operations.monitoring.lost_motion import Readings
 from service.operations.monitoring.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
@@ -53,7 +53,7 @@ class Services:
     calibration_jobs: CalibrationJobs
     rejudgements: Rejudgements
     alarms: Alarms
-    lost_motion: LostMotion
+    readings: Readings
     changes: Changes
     replays: Replays
     trials: Trials

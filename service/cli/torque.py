@@ -11,16 +11,19 @@ import numpy as np
 
 from monitor_core.recording import Rejection, Window
 from monitor_core.recordings.elements.units import metres, to_millimetres
-from monitor_core.torque_windows import OrderLine, Screw, TorqueReading, read_torque
+from monitor_core.torque_windows import OR, OrderLine, Screw, TorqueReading, read_torque
 from monitor_core.uncertainty import Estimate, plus_minus
 from service.cli.inputs.data import DataKind, data_argument, data_of, map_option, opened_session
-from service.cli.options import json_option
-from service.cli.output import print_json, print_table
+from service.cli.options import json_option, send_to_option
+from service.cli.output import print_json, print_line, print_table
 from service.cli.targets import require_target
 from service.clock import text_of
-from service.documents.measurement import refusal_document
+from service.documents.measurement import finite_or_null, refusal_document
 from service.json_types import JsonObject
 
+#: What the service charts, by the name of its line.
+_CHARTED = {"screw-order": "screw", "ball-pass-order": "balls past the nut"}
+_NORMAL = 1.96  # half the width of a 95 % interval, in standard uncertainties
 _POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
@@ -34,12 +37,17 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
     "--contact-angle-deg", type=click.FloatRange(0, 89), default=45.0, show_default=True, help="Of balls and track."
 )
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Draw friction and orders, *.svg.")
+@send_to_option
+@click.option("--axis", help="Axis to send it to: drag torque and orders are trended there.")
 @json_option
 def torque(
     paths: tuple[Path, ...], map_path: Path | None, lead_mm: float, ball_mm: float | None,
-    pitch_circle_mm: float | None, contact_angle_deg: float, out: Path | None, as_json: bool,
+    pitch_circle_mm: float | None, contact_angle_deg: float, out: Path | None, url: str | None, axis: str | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Read friction over the position and the orders of the screw from torque or current and position."""
+    if (url is None) != (axis is None):
+        raise click.ClickException("to send torque, give both: --url, the service, and --axis, the axis there")
     require_target(out, "picture", inputs=paths, ending_needed=True)
     ball, circle = (None if value is None else metres(value) for value in (ball_mm, pitch_circle_mm))
     screw = Screw(metres(lead_mm), ball, circle, radians(contact_angle_deg))
@@ -50,9 +58,19 @@ def torque(
         out.write_text(_picture(measured), encoding="utf-8")
     if as_json:
         print_json({"measurements": [each.document() for each in measured]})
-        return
-    columns = ("measurement", "order", "what", "torque", "95 % interval", "remarks")
-    print_table(f"Torque in {data.name}", columns, [row for each in measured for row in each.rows()])
+    else:
+        columns = ("measurement", "order", "what", "torque", "95 % interval", "remarks")
+        print_table(f"Torque in {data.name}", columns, [row for each in measured for row in each.rows()])
+    if url is not None and axis is not None:
+        from service.cli.remote.client import Client  # noqa: PLC0415  # as a rule nothing is sent
+
+        readings = [reading for each in measured for reading in each.readings()]
+        if not readings:
+            raise click.ClickException("nothing is sent: no measurement told friction or orders")
+        with Client(url) as client:
+            answer = client.post(f"/v1/axes/{axis}/torque", {"readings": readings})
+        said = f"sent to axis {axis}: {answer['accepted']} new, {answer['already_there']} already there"
+        print_line(said, err=as_json)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +117,29 @@ class _Measured:
                 "amplitude": spectrum.amplitudes.tolist(),
             }
         return document
+
+    def readings(self) -> list[JsonObject]:
+        """Return what the service charts of it: drag torque, and the orders of screw and balls."""
+        if isinstance(self.outcome, Rejection) or isinstance(self.outcome.profile, Rejection):
+            return []
+        profile, spectrum = self.outcome.profile, self.outcome.spectrum
+        half = profile.drag.expanded_uncertainty
+        ends = (profile.drag.value - half, profile.drag.value + half)
+        told = [("drag-torque", profile.drag.value, profile.drag.standard_uncertainty, ends, min(profile.n_travels))]
+        if not isinstance(spectrum, Rejection):
+            for quantity, name in _CHARTED.items():
+                for line in (line for line in spectrum.lines if name in line.name.split(OR)):
+                    width = (line.upper - line.lower) / (2.0 * _NORMAL)
+                    told.append((quantity, line.amplitude, width, (line.lower, line.upper), spectrum.n_stretches))
+        stated: JsonObject = {
+            "at": text_of(self.first.started_at),
+            "measurement": self.name,
+            "position_mm": to_millimetres(self.first.conditions.position),
+            "unit": self.outcome.unit,
+            "temperature_c": self.first.conditions.temperature,
+        }
+        names = ("quantity", "value", "standard_uncertainty", "interval_95", "n_repeats")
+        return [finite_or_null(stated | dict(zip(names, each, strict=True))) for each in told]
 
     def rows(self) -> list[tuple[str, ...]]:
         """Return it as lines of the table."""

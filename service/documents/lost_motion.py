@@ -7,12 +7,12 @@ from monitor_core.trend import DetectorState, Evidence, latest_difference
 from service.documents.measurement import AlarmEvidence, chart_in_english, evidence_document
 from service.documents.said import N_, Said, Value
 from service.json_types import JsonObject
-from service.store.trend.lost_motion import LostMotionReading
+from service.store.trend.lost_motion import LOST_MOTION, ChartedReading
 
 _CHECK_NEXT = "measure again, slowly and at the same place; check nut, screw, bearings and their mounting for play"
 
 
-def lost_motion_evidence(reading: LostMotionReading, state: DetectorState) -> JsonObject:
+def lost_motion_evidence(reading: ChartedReading, state: DetectorState) -> JsonObject:
     """Lay out why an alarm of lost motion was raised: how much it is, the chart, and since when."""
     alarm, baseline, session = state.alarm, state.baseline, state.session
     if alarm is None or session is None:
@@ -33,7 +33,7 @@ def lost_motion_evidence(reading: LostMotionReading, state: DetectorState) -> Js
         )
     size = {
         "lost_motion_um": session.value,
-        "lost_motion_interval_95_um": list(reading.interval_95_um),
+        "lost_motion_interval_95_um": list(reading.interval_95),
         "lost_motion_baseline_um": None if baseline is None else baseline.mean,
         "lost_motion_rise_um": difference,
         "mean_rise_since_onset_um": rise,
@@ -57,14 +57,15 @@ class LostMotionNow:
 
 
 @dataclass(frozen=True, slots=True)
-class LostMotionStanding:
-    """How the lost motion of an axis stands at a moment. *Not looked at* is ``unknown``."""
+class ReadingStanding:
+    """How lost motion or a quantity of the torque stands at a moment. *Not looked at* is ``unknown``."""
 
+    quantity: str
     state: str
     since: datetime | None
-    newest: LostMotionReading | None
-    baseline_um: float | None
-    baseline_interval_95_um: tuple[float, float] | None  # of one more healthy session
+    newest: ChartedReading | None
+    baseline: float | None
+    baseline_interval_95: tuple[float, float] | None  # of one more healthy session
     n_sessions: int  # that the baseline is learnt from so far
     baseline_size: int  # sessions that it takes
     false_alarms_per_year: float  # as stated, beside those of the preload
@@ -75,18 +76,20 @@ class LostMotionStanding:
     @property
     def sentence(self) -> Said:
         """How it stands, in words."""
-        newest = self.newest
-        if newest is None:
+        if self.newest is None:
             return Said("Lost motion was not measured: nothing is known of it.")
-        values: dict[str, Value] = {"value": newest.reversal_value_um, "day": newest.at}
-        if self.baseline_um is not None:
-            values["baseline"] = self.baseline_um
+        return self._of_lost_motion(self.newest) if self.quantity == LOST_MOTION else self._of_torque(self.newest)
+
+    def _of_lost_motion(self, newest: ChartedReading) -> Said:
+        values: dict[str, Value] = {"value": newest.value, "day": newest.at}
+        if self.baseline is not None:
+            values["baseline"] = self.baseline
         if self.alarm is not None and self.state == "alarm":
             text = N_(
                 "Lost motion grows while its baseline is being learnt, since %(day)s: it is %(value)s µm now. Nothing "
                 "of that is learnt as healthy."
             )
-            if self.baseline_um is not None:
+            if self.baseline is not None:
                 text = N_(
                     "Lost motion has grown since %(day)s: it is %(value)s µm now, the baseline is %(baseline)s µm."
                 )
@@ -109,6 +112,20 @@ class LostMotionStanding:
             return Said(text, {"day": self.alert.onset, "change": abs(self.alert.change.value)})
         text = N_("Lost motion is as it was learnt: %(value)s µm, the baseline is %(baseline)s µm.")
         return Said(text, values)
+
+    def _of_torque(self, newest: ChartedReading) -> Said:
+        values: dict[str, Value] = {"value": newest.value, "unit": newest.unit, "day": newest.at}
+        if self.state == "learning":
+            text = N_("%(value)s %(unit)s. The baseline is being learnt, %(n)s of %(size)s sessions.")
+            return Said(text, values | {"n": self.n_sessions, "size": self.baseline_size})
+        seen = self.alarm if self.state == "alarm" else self.alert if self.state == "alert" else None
+        if seen is not None:
+            text = N_("It has changed since %(day)s: it is %(value)s %(unit)s now.")
+            return Said(text, values | {"day": seen.onset})
+        if self.state == "unknown":
+            text = N_("Nothing is known of it now: it was last measured on %(day)s, %(value)s %(unit)s.")
+            return Said(text, values)
+        return Said(N_("It is as it was learnt: %(value)s %(unit)s."), values)
 
 
 def lost_motion_alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:

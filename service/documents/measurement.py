@@ -35,7 +35,7 @@ from service.json_types import Json, JsonObject
 
 if TYPE_CHECKING:  # the command line writes documents without a database
     from service.store.intake import MeasurementRecord
-    from service.store.trend.lost_motion import LostMotionReading
+    from service.store.trend.lost_motion import ChartedReading
     from service.store.trend.points import TrendPoint
     from service.store.trend.shown import ShownPoint, ToldColumns
 
@@ -381,7 +381,7 @@ def alarm_evidence(
 
 
 def evidence_document(
-    raised_by: "TrendPoint | LostMotionReading",
+    raised_by: "TrendPoint | ChartedReading",
     chart: tuple[str, float, float, datetime],
     size: Mapping[str, object],
     *,

@@ -96,6 +96,32 @@ def _keep_damping_and_residue(connection: Connection) -> None:
         connection.execute(text(f"ALTER TABLE trend_points ADD COLUMN {name} FLOAT"))
 
 
+def _keep_quantities(connection: Connection) -> None:
+    """Let others than lost motion have readings and a chart; tables that this program made have them."""
+    for of in (lost_motion.READINGS, lost_motion.CHARTS):
+        held = {column["name"] for column in inspect(connection).get_columns(of.name)}
+        if "quantity" in held:
+            continue
+        for name, was in _READINGS_WERE.items():
+            if was in held:
+                connection.execute(text(f"ALTER TABLE {of.name} RENAME COLUMN {was} TO {name}"))
+        for name, of_lost_motion in (("quantity", lost_motion.LOST_MOTION), ("unit", "µm")):
+            if name in of.c:
+                kind = of.c[name].type.compile(connection.dialect)
+                added = f"ADD COLUMN {name} {kind} NOT NULL DEFAULT '{of_lost_motion}'"
+                connection.execute(text(f"ALTER TABLE {of.name} {added}"))
+        if connection.dialect.name == "postgresql":
+            keys = ", ".join(column.name for column in of.primary_key)
+            key = f"CONSTRAINT pk_{of.name}"
+            connection.execute(text(f"ALTER TABLE {of.name} DROP {key}, ADD {key} PRIMARY KEY ({keys})"))
+        else:
+            _make_anew(connection, of)
+
+
+_READINGS_WERE = {
+    "value": "reversal_value_um", "standard_uncertainty": "standard_uncertainty_um",
+    "interval_lower": "interval_lower_um", "interval_upper": "interval_upper_um", "n_repeats": "n_reversals",
+}  # fmt: skip
 #: Oldest version that this program opens.
 BASELINE = "0017"
 #: What follows the baseline: the version that each step leads to, and what it changes, on SQLite and on PostgreSQL.
@@ -109,6 +135,7 @@ STEPS: tuple[tuple[str, Callable[[Connection], None]], ...] = (
     ("0028", _keep_lost_motion),
     ("0030", _keep_damping_and_residue),
     ("0031", rollups.leave_out_set_preloads),
+    ("0032", _keep_quantities),
 )
 #: The version that this program writes.
 VERSION = STEPS[-1][0]

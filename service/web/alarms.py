@@ -28,7 +28,7 @@ from service.store.trend.points import Span
 from service.store.trend.shown import ShownPoint
 from service.web.forms import MomentText, ShownRange, moment_of
 from service.web.site import PageOf, done
-from service.web.trend_view import MOST_SHOWN, Charts, Drawn, frequency_charts, lost_motion_charts, preload_charts
+from service.web.trend_view import MOST_SHOWN, Charts, Drawn, frequency_charts, preload_charts, reading_charts
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -120,7 +120,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: ServicesOf) -> Response:
             if evidence.lost_motion_um is None
             else lost_motion_alarm_sentence(evidence, status.row.name)
         ),
-        lost_motion=None if evidence.lost_motion_um is None else on.lost_motion.standing(view.row.axis_id),
+        lost_motion=None if evidence.lost_motion_um is None else on.readings.standing(view.row.axis_id),
         cleared=view.last_to("cleared"),
         seen=view.last_to("acknowledged"),
         stands=view.row.status in ("active", "acknowledged"),
@@ -149,8 +149,8 @@ def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Service
     onset, raised = words(N_("onset")), words(N_("alarm"))
     events = [LaneEvent(evidence.onset, "learnt", onset), LaneEvent(evidence.at, "alarm", raised)]
     if evidence.lost_motion_um is not None:
-        readings = [reading for reading in on.lost_motion.readings(axis_id) if start <= reading.at < end]
-        return lost_motion_charts(words, readings, shown, on.lost_motion.standing(axis_id), events=events)
+        readings = [reading for reading in on.readings.readings(axis_id) if start <= reading.at < end]
+        return reading_charts(words, readings, shown, on.readings.standing(axis_id), events=events)
     points = on.trend.at_resolution(axis_id, Span(start, end), MOST_SHOWN).points
     if not points:
         return None

@@ -13,7 +13,7 @@ from service.api.axes import AxisOut
 from service.api.jobs import JobOut
 from service.api.services import Services, ServicesOf
 from service.documents.axis_sentence import standing
-from service.documents.lost_motion import LostMotionStanding
+from service.documents.lost_motion import ReadingStanding
 from service.documents.measurement import falls_of, interval_of
 from service.documents.said import N_
 from service.operations.access.scopes import Scope
@@ -26,6 +26,7 @@ from service.operations.monitoring.trend import AxisStatus, Only
 from service.report.trend_chart import LaneEvent
 from service.store.alarms import LOST_MOTION
 from service.store.tables import AxisRow, MaintenanceRow
+from service.store.trend.lost_motion import SIGNS
 from service.store.trend.points import Quality, Span
 from service.store.trend.shown import ShownPoint, ToldColumns
 from service.web.fleet import is_trial
@@ -37,9 +38,9 @@ from service.web.trend_view import (
     Drawn,
     frequency_charts,
     lane_of,
-    lost_motion_charts,
     low_charts,
     preload_charts,
+    reading_charts,
 )
 from service.web.words import Words
 
@@ -72,7 +73,7 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
         alarms = on.alarms.list(axis, None, None, MOST_TOLD)
         told = [AlarmOut.model_validate(view) for view in alarms]
         active = next((row for row in overview.calibrations if row.id == overview.active), None)
-        lost_motion = on.lost_motion.standing(axis)
+        lost_motion = on.readings.standing(axis)
         of_lost_motion = [view for view in alarms if view.row.kind == LOST_MOTION]
         others = [view for view in alarms if view.row.kind != LOST_MOTION]
 
@@ -105,15 +106,17 @@ def axis_page(axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()],
             discrepancies=finished_discrepancies(on.database, axis),
             pictures=pictures,
             lost_motion=lost_motion,
-            lost_motion_charts=_lost_motion_charts(
-                axis,
-                page.words,
-                query,
-                on,
-                standing=lost_motion,
-                pictures=pictures,
-                events=lane(of_lost_motion),
+            lost_motion_charts=_reading_charts(
+                axis, page.words, query, on, standing=lost_motion, pictures=pictures, events=lane(of_lost_motion)
             ),
+            torque=[
+                (
+                    stands,
+                    _reading_charts(axis, page.words, query, on, standing=stands, pictures=pictures, events=lane(())),
+                )
+                for quantity in SIGNS
+                if quantity != LOST_MOTION and (stands := on.readings.standing(axis, quantity)).newest is not None
+            ],
         )
 
 
@@ -136,12 +139,12 @@ def _pictures(
     return on.drawn.of(asked, shows, lambda: _drawn(row.id, words, query, on, history=history, events=events))
 
 
-def _lost_motion_charts(
-    axis: str, words: Words, query: RangeQuery, on: Services, *, standing: LostMotionStanding,
+def _reading_charts(
+    axis: str, words: Words, query: RangeQuery, on: Services, *, standing: ReadingStanding,
     pictures: Pictures | None, events: Sequence[LaneEvent],
 ) -> Charts | None:  # fmt: skip
-    """Return the picture of lost motion over the span of the trend and what is later; None if none was measured."""
-    readings = on.lost_motion.readings(axis)
+    """Return the picture of a quantity over the span of the trend and what is later; None if none was measured."""
+    readings = on.readings.readings(axis, standing.quantity)
     if not readings:
         return None
     shown = shown_range(f"/axes/{axis}", query, readings[0].at, readings[-1].at)
@@ -149,7 +152,7 @@ def _lost_motion_charts(
         both = shown, pictures.shown
         shown = replace(shown, start=min(each.start for each in both), end=max(each.end for each in both))
     told = [event for event in events if event.kind in ("alarm", "cleared", "work")]
-    return lost_motion_charts(words, readings, shown, standing, events=told)
+    return reading_charts(words, readings, shown, standing, events=told)
 
 
 def _drawn(

@@ -116,7 +116,7 @@ def enter_lost_motion(axis: AxisId, form: Annotated[LostMotionForm, Form()], on:
         "reversal_value_interval_95_um": (value - half, value + half),
         "n_reversals": form.n_reversals,
     }
-    on.lost_motion.take(axis, [LostMotionIn.model_validate(reading)])
+    on.readings.take(axis, [LostMotionIn.model_validate(reading)])
     return done(f"/axes/{axis}", "lost-motion-entered")
 
 

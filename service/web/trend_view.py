@@ -13,7 +13,7 @@ from markupsafe import Markup
 from monitor_core.arrays import FloatArray
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
-from service.documents.lost_motion import LostMotionStanding
+from service.documents.lost_motion import ReadingStanding
 from service.documents.measurement import ends_of, falls_of, numbers_of
 from service.documents.said import N_
 from service.operations.monitoring.alarms import AlarmView
@@ -34,7 +34,7 @@ from service.report.trend_chart import (
     trend_chart,
 )
 from service.store.tables import microseconds_of
-from service.store.trend.lost_motion import LostMotionReading
+from service.store.trend.lost_motion import ChartedReading
 from service.store.trend.shown import ShownPoint, ToldColumns
 from service.web.forms import ShownRange
 from service.web.shown import decimal, with_interval
@@ -158,14 +158,14 @@ def low_charts(
     return twice(words, draw, LOW_WIDE, LOW_NARROW)
 
 
-def lost_motion_charts(
-    words: Words, readings: Sequence[LostMotionReading], shown: ShownRange, standing: LostMotionStanding, *,
+def reading_charts(
+    words: Words, readings: Sequence[ChartedReading], shown: ShownRange, standing: ReadingStanding, *,
     events: Sequence[LaneEvent] = (),
 ) -> Charts:  # fmt: skip
-    """Draw lost motion with its intervals, and the band of its baseline; what was measured elsewhere is a square."""
-    band, title = None, words(N_("Lost motion over time"))
-    if standing.baseline_um is not None and standing.baseline_interval_95_um is not None:
-        band = Band(standing.baseline_um, *standing.baseline_interval_95_um, words(N_("baseline")))
+    """Draw readings with their intervals, and the band of their baseline; what was measured elsewhere is a square."""
+    band, title = None, words(CALLED["quantity"][standing.quantity])
+    if standing.baseline is not None and standing.baseline_interval_95 is not None:
+        band = Band(standing.baseline, *standing.baseline_interval_95, words(N_("baseline")))
     within = [reading for reading in readings if shown.start <= reading.at < shown.end]
 
     def draw(frame: Frame, write: Callable[[str], str]) -> Markup:
@@ -173,20 +173,22 @@ def lost_motion_charts(
         drawn = _extremes_and_newest(within, most)
         value, lower, upper = (
             np.array([getattr(reading, name) for reading in drawn], dtype=np.float64)
-            for name in ("reversal_value_um", "interval_lower_um", "interval_upper_um")
+            for name in ("value", "interval_lower", "interval_upper")
         )
         kinds = ["unknown" if reading.uncharted else reading.state for reading in drawn]
         marks = Marks(np.array([reading.at.timestamp() for reading in drawn]), value, lower, upper, kinds)
-        return trend_chart(TrendPicture(title, "µm", shown.start, shown.end, marks, events, band), frame, write)
+        return trend_chart(
+            TrendPicture(title, readings[-1].unit, shown.start, shown.end, marks, events, band), frame, write
+        )
 
     return twice(words, draw, LOW_WIDE, LOW_NARROW)
 
 
-def _extremes_and_newest(readings: Sequence[LostMotionReading], most: int) -> list[LostMotionReading]:
+def _extremes_and_newest(readings: Sequence[ChartedReading], most: int) -> list[ChartedReading]:
     if len(readings) <= most:
         return list(readings)
     each = {microseconds_of(reading.at): reading for reading in readings}
-    values = [(at, reading.reversal_value_um, at, reading.reversal_value_um, at) for at, reading in each.items()]
+    values = [(at, reading.value, at, reading.value, at) for at, reading in each.items()]
     kept = extremes_of(values[:-1], (most - 1) // 2)
     return [reading for at, reading in each.items() if at in kept or reading is readings[-1]]
 

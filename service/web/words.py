@@ -46,6 +46,11 @@ CALLED: Final[dict[str, dict[str, str]]] = {
         "outside-calibration": N_("outside the calibration"), "moved-mass-mismatch": N_("another moved mass"),
         "damping-mismatch": N_("another damping"), "waveform-damaged": N_("stored samples are damaged"),
     },
+    "quantity": {
+        "lost-motion": N_("Lost motion over time"), "drag-torque": N_("Drag torque over time"),
+        "screw-order": N_("Torque ripple, once in a turn of the screw"),
+        "ball-pass-order": N_("Torque ripple, as balls pass the nut"),
+    },
     "number": {
         "frequency": N_("Natural frequency"), "friction-torque": N_("Friction torque"),
         "damping-ratio": N_("Damping ratio"), "residue": N_("Residue"),

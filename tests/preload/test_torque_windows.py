@@ -1,6 +1,5 @@
 """Friction and orders from torque and position alone, on travels whose friction, orders and ripples are known."""
 
-import csv
 import re
 from datetime import UTC, datetime
 
@@ -226,15 +225,18 @@ def test_a_real_axis_has_the_friction_that_others_published(measured_data):
 # ---- the page -------------------------------------------------------------------------------------------------------
 
 
-def test_the_page_shows_what_the_command_prints(tmp_path, monkeypatch):
-    page = (PROJECT_ROOT / "docs/how-to/drive-signals.md").read_text(encoding="utf-8")
+def write_log(folder):
+    """Write the log of the page: strokes at other speeds each, with a ripple of the screw and one of the balls."""
     how = Travels(spread=0.08, orders={1: 0.03, 7.05: 0.012})
     torque, position = go(how, np.random.default_rng(1))
-    with (tmp_path / "strokes.csv").open("w", newline="", encoding="utf-8") as stream:
-        write = csv.writer(stream)
-        write.writerow(["t [ms]", "Torque [N.m]", "Position [mm]"])
-        rows = zip(torque.tolist(), position.tolist(), strict=True)
-        write.writerows([f"{0.5 * n:.1f}", f"{t:.5f}", f"{1e3 * x:.4f}"] for n, (t, x) in enumerate(rows))
+    columns = np.column_stack([0.5 * np.arange(torque.size), torque, 1e3 * position])
+    header = "t [ms],Torque [N.m],Position [mm]"
+    np.savetxt(folder / "strokes.csv", columns, ["%.1f", "%.5f", "%.4f"], ",", header=header, comments="")
+
+
+def test_the_page_shows_what_the_command_prints(tmp_path, monkeypatch):
+    page = (PROJECT_ROOT / "docs/how-to/drive-signals.md").read_text(encoding="utf-8")
+    write_log(tmp_path)
     (tmp_path / "strokes.toml").write_text(re.search(r'```toml title="strokes.toml"\n(.*?)```', page, re.DOTALL)[1])
     monkeypatch.chdir(tmp_path)
     command, printed = re.search(r"\$ \.venv/bin/preload torque ([^\n]*)\n(.*?)```", page, re.DOTALL).groups()

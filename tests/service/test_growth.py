@@ -20,9 +20,10 @@ from service.store.database import Database
 from service.store.tables import AlarmRow, MeasurementRow
 from service.store.trend.lost_motion import (
     CHARTS,
+    LOST_MOTION,
     READINGS,
-    LostMotionChart,
-    LostMotionReading,
+    ChartedReading,
+    ReadingChart,
     newest_readings,
     save_chart,
     save_readings,
@@ -220,12 +221,12 @@ def test_open_alarms_are_found_without_passing_the_cleared(tmp_path: Path) -> No
 def test_newest_lost_motion_is_found_without_passing_the_older() -> None:
     engine, found = create_engine("sqlite://"), []
     READINGS.metadata.create_all(engine, tables=[READINGS, CHARTS])
-    reading = LostMotionReading(1, START, "m", 400.0, 3.5, 0.02, 3.4, 3.6, None, None, 9, None)
+    reading = ChartedReading(1, LOST_MOTION, START, "m", 400.0, 3.5, 0.02, 3.4, 3.6, "µm", None, None, 9, None)
     with engine.connect() as connection:
         steps = Steps()
         steps.watch(connection.connection.dbapi_connection, None)
         for axis in (1, 2):
-            save_chart(connection, LostMotionChart(axis, {}, 400.0))
+            save_chart(connection, ReadingChart(axis, LOST_MOTION, {}, 400.0))
         for days in (range(10), range(10, 1000)):
             for axis in (1, 2):
                 rows = [replace(reading, axis_number=axis, at=START + timedelta(days=day)) for day in days]

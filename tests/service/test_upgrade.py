@@ -12,13 +12,15 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from sqlalchemy import Connection, inspect, text
+from sqlalchemy import Column, Connection, MetaData, Table, inspect, text
 
 from service.errors import DataFolderError
 from service.store import schema
 from service.store.database import Database, reading, writing
 from service.store.tables import Base
-from tests.service.conftest import emptied, running_service
+from service.store.trend.lost_motion import CHARTS, LOST_MOTION, READINGS, ReadingChart, read_chart, readings_of
+from service.store.trend.points import Span
+from tests.service.conftest import START, emptied, running_service
 from tests.service.test_older_folders import differences
 
 
@@ -134,6 +136,44 @@ def test_friction_that_an_older_program_counted_against_the_position_is_positive
     with closing(sqlite3.connect(file)) as connection:
         found = connection.execute("SELECT drag_torque_nm FROM trend_points GROUP BY drag_torque_nm").fetchall()
     assert found == [(0.2,)]
+
+
+def test_lost_motion_of_an_older_program_goes_on_beside_other_quantities(older_database: Database) -> None:
+    """As version 0031 had it: a key without the quantity, and columns called after lost motion."""
+    new = opened(older_database)
+    was = {"value": "reversal_value_um", "n_repeats": "n_reversals"} | {
+        name: f"{name}_um" for name in ("standard_uncertainty", "interval_lower", "interval_upper")
+    }
+    older = MetaData(naming_convention=Base.metadata.naming_convention)
+    for table in (READINGS, CHARTS):
+        held = [
+            Column(
+                was.get(column.name, column.name), column.type, primary_key=column.primary_key, nullable=column.nullable
+            )
+            for column in table.c
+            if column.name not in {"quantity", "unit"}
+        ]
+        Table(table.name, older, *held, sqlite_with_rowid=False)
+    reading_then = {
+        "axis_number": 1, "at": START, "name": "slow", "position_mm": 400.0, "reversal_value_um": 7.5,
+        "standard_uncertainty_um": 0.02, "interval_lower_um": 7.4, "interval_upper_um": 7.6, "n_reversals": 9,
+        "state": "normal", "found_in_order": False,
+    }  # fmt: skip
+    with older_database.connect() as connection, writing(connection):
+        for table in (READINGS, CHARTS):
+            table.drop(connection)
+        older.create_all(connection)
+        connection.execute(older.tables["lost_motion"].insert(), reading_then)
+        connection.execute(
+            older.tables["lost_motion_charts"].insert(), {"axis_number": 1, "state": {}, "place_mm": 400.0}
+        )
+        connection.execute(text("UPDATE alembic_version SET version_num = '0031'"))
+    assert opened(older_database) == new
+    with older_database.connect() as connection, reading(connection):
+        (found,) = readings_of(connection, 1, LOST_MOTION, Span())
+        assert read_chart(connection, 1, LOST_MOTION) == ReadingChart(1, LOST_MOTION, {}, 400.0)
+    older_database.close()
+    assert (found.at, found.value, found.unit, found.n_repeats, found.state) == (START, 7.5, "µm", 9, "normal")
 
 
 @pytest.mark.parametrize("version", ["0001", "0016"])

@@ -1,14 +1,14 @@
-"""Take what was measured of the lost motion of axes, and carry its own chart over it.
+"""Take lost motion and torque of axes, and carry a chart of its own over each quantity.
 
-It is the same chart that watches the preload, over micrometres that rise as things get worse. Readings are few: what
-arrives late folds the chart again from the first one, so that any order of arrival gives one history.
+It is the same chart that watches the preload, over numbers that rise as things get worse, or fall. Readings are few:
+what arrives late folds the chart again from the first one, so that any order of arrival gives one history.
 """
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.config import JsonDict
@@ -19,7 +19,7 @@ from monitor_core.axis_state import AxisState
 from monitor_core.trend import DetectorState, Observation, TrendStatus, reset, state_at, step
 from service.clock import now, text_of
 from service.documents.change import NotExamined, not_examined
-from service.documents.lost_motion import LostMotionNow, LostMotionStanding, lost_motion_evidence
+from service.documents.lost_motion import LostMotionNow, ReadingStanding, lost_motion_evidence
 from service.errors import ConflictError, InvalidRequestError
 from service.json_types import JsonObject
 from service.operations.fields import Label, Moment, Number, Position, RequestModel, Temperature
@@ -33,9 +33,11 @@ from service.store.database import Database
 from service.store.intake import AxisRecord
 from service.store.tables import AlarmRow, AxisRow
 from service.store.trend.lost_motion import (
-    LostMotionChart,
-    LostMotionReading,
-    all_charts,
+    LOST_MOTION,
+    SIGNS,
+    ChartedReading,
+    ReadingChart,
+    charts_of,
     moments_in_order,
     newest_reading,
     newest_readings,
@@ -61,6 +63,8 @@ _LATE, _WORKED = "a reading that arrived late", "what was done to the axis"
 
 Micrometres = Annotated[Number, Field(ge=-1e6, le=1e6)]
 Ends = tuple[Micrometres, Micrometres]
+Amount = Annotated[Number, Field(ge=-1e6, le=1e6)]
+TorqueQuantity = Literal["drag-torque", "screw-order", "ball-pass-order"]
 
 
 EXAMPLE: JsonDict = {
@@ -85,6 +89,16 @@ class LostMotionIn(RequestModel):
     n_reversals: Annotated[int, Field(ge=4, le=1_000_000)]
     temperature_c: Temperature | None = None
 
+    def reading(self, axis_number: int) -> ChartedReading:
+        """Return it as it is stored."""
+        (lower, upper), play = self.reversal_value_interval_95_um, self.play_interval_95_um
+        play_lower, play_upper = (None, None) if play is None else play
+        return ChartedReading(
+            axis_number, LOST_MOTION, self.at, self.measurement, self.position_mm, self.reversal_value_um,
+            self.reversal_value_standard_uncertainty_um, lower, upper, "µm", play_lower, play_upper,
+            self.n_reversals, self.temperature_c,
+        )  # fmt: skip
+
     @model_validator(mode="after")
     def _require_order(self) -> "LostMotionIn":
         lower, upper = self.reversal_value_interval_95_um
@@ -99,6 +113,35 @@ class LostMotionIn(RequestModel):
         return self
 
 
+class TorqueIn(RequestModel):
+    """Drag torque, or the amplitude of an order of the screw, as `preload torque --json` gives it."""
+
+    at: Annotated[Moment, Field(description="when its log began; with axis and quantity it tells one from another")]
+    measurement: Label
+    position_mm: Annotated[Position, Field(description="middle of the strokes")]
+    quantity: TorqueQuantity
+    value: Amount
+    unit: Literal["N·m", "N", "A"]
+    standard_uncertainty: Annotated[Amount, Field(ge=0)]
+    interval_95: tuple[Amount, Amount]
+    n_repeats: Annotated[int, Field(ge=1, le=1_000_000, description="travels each way, or stretches")]
+    temperature_c: Temperature | None = None
+
+    def reading(self, axis_number: int) -> ChartedReading:
+        """Return it as it is stored."""
+        return ChartedReading(
+            axis_number, self.quantity, self.at, self.measurement, self.position_mm, self.value,
+            self.standard_uncertainty, *self.interval_95, self.unit, None, None, self.n_repeats, self.temperature_c,
+        )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _require_order(self) -> "TorqueIn":
+        lower, upper = self.interval_95
+        if not lower <= self.value <= upper:
+            raise ValueError(f"interval_95: expected an interval around {self.value:g}; got {lower:g} to {upper:g}")
+        return self
+
+
 @dataclass(frozen=True, slots=True)
 class Taken:
     """How many readings were new, and how many there already."""
@@ -107,13 +150,13 @@ class Taken:
     already_there: int
 
 
-class LostMotion:
-    """Takes readings of lost motion, and says how it stands."""
+class Readings:
+    """Takes readings of lost motion and torque, and says how a quantity stands."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def take(self, axis_id: str, sent: Sequence[LostMotionIn]) -> Taken:
+    def take(self, axis_id: str, sent: Sequence[LostMotionIn | TorqueIn]) -> Taken:
         """Store readings and judge them by the chart of the axis; whatever is raised, nothing of them is stored.
 
         The same reading sent once more is the one that is there. Raises InvalidRequestError for one of the future;
@@ -127,49 +170,60 @@ class LostMotion:
                 raise ConflictError(
                     f"axis '{axis_id}' is archived since {text_of(axis.archived_at)}; take it back first"
                 )
-            new = dict[datetime, LostMotionReading]()
+            received: dict[str, dict[datetime, ChartedReading]] = {}
             for each in sent:
+                reading = each.reading(axis.number)
                 if each.at > received_at + MOST_AHEAD:
                     raise InvalidRequestError(
-                        f"lost motion was measured until now ({text_of(received_at)}); got {text_of(each.at)}"
+                        f"{_called(reading)} was measured until now ({text_of(received_at)}); got {text_of(each.at)}"
                     )
-                _put(new, _reading(axis.number, each), axis_id)
-            for stored in readings_at(connection, axis.number, new.keys()):
-                _require_same(stored, new.pop(stored.at), axis_id)
-            if new:
-                _chart(connection, axis, sorted(new.values(), key=_in_time))
-        return Taken(len(new), len(sent) - len(new))
+                _put(received.setdefault(reading.quantity, {}), reading, axis_id)
+            n_new = 0
+            for quantity, new in received.items():
+                for stored in readings_at(connection, axis.number, quantity, new.keys()):
+                    _require_same(stored, new.pop(stored.at), axis_id)
+                stored_last = newest_reading(connection, axis.number, quantity)
+                _require_one_unit(quantity, (*new.values(), stored_last))
+                if new:
+                    _chart(connection, axis, quantity, sorted(new.values(), key=_in_time))
+                n_new += len(new)
+        return Taken(n_new, len(sent) - n_new)
 
-    def page(self, axis_id: str, span: Span, *, after: datetime | None, limit: int) -> list[LostMotionReading]:
+    def page(
+        self, axis_id: str, span: Span, *, after: datetime | None, limit: int, quantity: str = LOST_MOTION
+    ) -> list[ChartedReading]:
         """Return readings in time order."""
         with self._database.read() as session:
             number = get_axis(session, axis_id).number
-            return readings_of(session.connection(), number, span, after=after, limit=limit)
+            return readings_of(session.connection(), number, quantity, span, after=after, limit=limit)
 
-    def readings(self, axis_id: str) -> list[LostMotionReading]:
+    def readings(self, axis_id: str, quantity: str = LOST_MOTION) -> list[ChartedReading]:
         """Return all readings in time order."""
         with self._database.read() as session:
-            return readings_of(session.connection(), get_axis(session, axis_id).number, Span())
+            return readings_of(session.connection(), get_axis(session, axis_id).number, quantity, Span())
 
-    def standing(self, axis_id: str) -> LostMotionStanding:
-        """Return how the lost motion of an axis stands now."""
+    def standing(self, axis_id: str, quantity: str = LOST_MOTION) -> ReadingStanding:
+        """Return how a quantity of an axis stands now."""
         with self._database.read() as session:
             row, connection = get_axis(session, axis_id), session.connection()
-            chart, newest = read_chart(connection, row.number), newest_readings(connection, row.number).get(row.number)
-            beginnings = _Beginnings.of(connection, row)
+            chart = read_chart(connection, row.number, quantity)
+            newest = newest_readings(connection, row.number, quantity).get(row.number)
+            beginnings = _Beginnings.of(connection, row, quantity)
         settings, configured = load_design(row.detector_design).settings, load_configuration(row.configuration)
         shown = lost_motion_now(newest, max(beginnings.renewals, default=None), configured.silent_after_hours)
         detector = DetectorState()
         if chart is not None and newest is not None:
             detector, _ = beginnings.begun(load_state(chart.state).detector, newest[0].at, None)
         state, baseline = str(TrendStatus.UNKNOWN) if shown is None else shown.state, detector.baseline
-        interval = None if baseline is None else baseline.prediction_interval()
-        return LostMotionStanding(
+        interval, sign = None if baseline is None else baseline.prediction_interval(), SIGNS[quantity]
+        ends = None if interval is None else sorted((sign * interval.lower, sign * interval.upper))
+        return ReadingStanding(
+            quantity=quantity,
             state=state,
             since=detector.since if state == detector.status else detector.last_at,
             newest=None if newest is None else newest[0],
-            baseline_um=None if baseline is None else baseline.mean,
-            baseline_interval_95_um=None if interval is None else (interval.lower, interval.upper),
+            baseline=None if baseline is None else sign * baseline.mean,
+            baseline_interval_95=None if ends is None else (ends[0], ends[1]),
             n_sessions=len(detector.learning) + (detector.session is not None) if baseline is None else baseline.size,
             baseline_size=settings.baseline_size,
             false_alarms_per_year=settings.false_alarms_per_year,
@@ -180,7 +234,7 @@ class LostMotion:
 
 
 def lost_motion_now(
-    newest: tuple[LostMotionReading, datetime | None] | None, renewed_at: datetime | None, silent_after_hours: float
+    newest: tuple[ChartedReading, datetime | None] | None, renewed_at: datetime | None, silent_after_hours: float
 ) -> LostMotionNow | None:
     """Return the newest lost motion of an axis with the state that its chart has now, without reading the chart.
 
@@ -196,7 +250,7 @@ def lost_motion_now(
     state = state_at(DetectorState(status=state, last_at=charted_at), now(), silent_after)
     ends = charted_at is not None and state not in (TrendStatus.UNKNOWN, TrendStatus.ALARM)
     return LostMotionNow(
-        reading.at, reading.reversal_value_um, reading.interval_95_um, str(state),
+        reading.at, reading.value, reading.interval_95, str(state),
         charted_at + silent_after if charted_at is not None and ends else None,
     )  # fmt: skip
 
@@ -204,62 +258,57 @@ def lost_motion_now(
 def learn_anew(connection: Connection, axis_id: str, epoch: int) -> None:
     """Learn the level anew: somebody cleared an alarm of this epoch; one of an older one began a new level already."""
     axis = intake.read_axis(connection, axis_id)
-    newest = newest_reading(connection, axis.number)
-    if newest is None or epoch != bisect_right(_Beginnings.of(connection, axis).moments, newest.at):
+    newest = newest_reading(connection, axis.number, LOST_MOTION)
+    if newest is None or epoch != bisect_right(_Beginnings.of(connection, axis, LOST_MOTION).moments, newest.at):
         return
     save_readings(connection, axis.number, [replace(newest, found_in_order=True)])
-    _chart(connection, axis, None)
+    _chart(connection, axis, LOST_MOTION, None)
 
 
 def chart_again(connection: Connection, axis_id: str) -> None:
-    """Fold the chart again, because the log says something else of the axis now."""
+    """Fold the charts again, because the log says something else of the axis now."""
     axis = intake.read_axis(connection, axis_id)
-    if read_chart(connection, axis.number) is not None:
-        _chart(connection, axis, None)
+    for quantity in SIGNS:
+        if read_chart(connection, axis.number, quantity) is not None:
+            _chart(connection, axis, quantity, None)
 
 
-def renew_lost_motion(database: Database) -> None:
+def renew_readings(database: Database) -> None:
     """Fold charts anew that an older version of the program folded; alarms stand as they did: nothing was measured."""
     with database.read() as session:
-        outdated = [chart.axis_number for chart in all_charts(session.connection()) if is_outdated_state(chart.state)]
-        names = [axis.id for axis in list_axes(session) if axis.number in outdated]
-    for axis_id in names:
+        outdated = [chart for chart in charts_of(session.connection()) if is_outdated_state(chart.state)]
+        names = {axis.number: axis.id for axis in list_axes(session)} if outdated else {}
+    for chart in outdated:
+        axis_id = names[chart.axis_number]
         with database.write(axis_id) as session:
-            _chart(session.connection(), intake.read_axis(session.connection(), axis_id), None, settles=False)
+            axis = intake.read_axis(session.connection(), axis_id)
+            _chart(session.connection(), axis, chart.quantity, None, settles=False)
 
 
-def _put(new: dict[datetime, LostMotionReading], reading: LostMotionReading, axis_id: str) -> None:
+def _put(new: dict[datetime, ChartedReading], reading: ChartedReading, axis_id: str) -> None:
     if reading.at in new:
         _require_same(new[reading.at], reading, axis_id)
     new[reading.at] = reading
 
 
-def _require_same(stored: LostMotionReading, sent: LostMotionReading, axis_id: str) -> None:
+def _require_same(stored: ChartedReading, sent: ChartedReading, axis_id: str) -> None:
     """Raise ConflictError if two readings of one moment differ in what was sent."""
     sent = replace(sent, uncharted=stored.uncharted, state=stored.state, found_in_order=stored.found_in_order)
     if stored != sent:
-        raise ConflictError(f"another lost motion of axis '{axis_id}' at {text_of(sent.at)} is there already")
+        raise ConflictError(f"another {_called(sent)} of axis '{axis_id}' at {text_of(sent.at)} is there already")
 
 
-def _reading(axis_number: int, sent: LostMotionIn) -> LostMotionReading:
-    (lower, upper), play = sent.reversal_value_interval_95_um, sent.play_interval_95_um
-    return LostMotionReading(
-        axis_number=axis_number,
-        at=sent.at,
-        name=sent.measurement,
-        position_mm=sent.position_mm,
-        reversal_value_um=sent.reversal_value_um,
-        standard_uncertainty_um=sent.reversal_value_standard_uncertainty_um,
-        interval_lower_um=lower,
-        interval_upper_um=upper,
-        play_lower_um=None if play is None else play[0],
-        play_upper_um=None if play is None else play[1],
-        n_reversals=sent.n_reversals,
-        temperature_c=sent.temperature_c,
-    )
+def _require_one_unit(quantity: str, readings: Iterable[ChartedReading | None]) -> None:
+    units = sorted({reading.unit for reading in readings if reading is not None})
+    if len(units) > 1:
+        raise InvalidRequestError(f"{quantity} of an axis is charted in one unit; got {' and '.join(units)}")
 
 
-def _in_time(reading: LostMotionReading) -> datetime:
+def _called(reading: ChartedReading) -> str:
+    return reading.quantity.replace("-", " ")
+
+
+def _in_time(reading: ChartedReading) -> datetime:
     return reading.at
 
 
@@ -275,9 +324,9 @@ class _Beginnings:
     lubricated: tuple[datetime, ...]
 
     @classmethod
-    def of(cls, connection: Connection, axis: AxisRecord | AxisRow) -> "_Beginnings":
+    def of(cls, connection: Connection, axis: AxisRecord | AxisRow, quantity: str) -> "_Beginnings":
         renewals = frozenset(renewals_of(connection, axis.id))
-        inspected = {at + _NEXT for at in moments_in_order(connection, axis.number)}
+        inspected = {at + _NEXT for at in moments_in_order(connection, axis.number, quantity)}
         return cls(renewals, tuple(sorted(renewals | inspected)), tuple(lubrications_of(connection, axis.id)))
 
     def begun(self, state: DetectorState, after: datetime, until: datetime | None) -> tuple[DetectorState, bool]:
@@ -293,26 +342,32 @@ class _Beginnings:
 
 @dataclass(frozen=True, slots=True)
 class _Raised:
-    reading: LostMotionReading
+    reading: ChartedReading
     evidence: JsonObject
     epoch: int
 
 
 def _chart(
-    connection: Connection, axis: AxisRecord, new: Sequence[LostMotionReading] | None, *, settles: bool = True
-) -> None:
-    """Carry the chart on over new readings in time order, or over all again, and settle what it raises."""
-    beginnings, because_of = _Beginnings.of(connection, axis), _WORKED if new is None else _LATE
+    connection: Connection, axis: AxisRecord, quantity: str, new: Sequence[ChartedReading] | None, *,
+    settles: bool = True,
+) -> None:  # fmt: skip
+    """Carry a chart on over new readings in time order, or over all again, and settle what that of lost motion raises.
+
+    The others say how they stand, and raise no alarms beside those of the preload that they go with.
+    """
+    beginnings, because_of = _Beginnings.of(connection, axis, quantity), _WORKED if new is None else _LATE
+    settles = settles and quantity == LOST_MOTION
     design = load_design(intake.read_charts(connection, axis).detector_design)
-    chart, newest = read_chart(connection, axis.number), newest_reading(connection, axis.number)
+    chart = read_chart(connection, axis.number, quantity)
+    newest = newest_reading(connection, axis.number, quantity)
     again = new is None or chart is None or newest is None or is_outdated_state(chart.state) or new[0].at <= newest.at
-    stored, new = list[LostMotionReading](), new or ()
+    stored, new = list[ChartedReading](), new or ()
     if again or chart is None:
-        stored = readings_of(connection, axis.number, Span())
+        stored = readings_of(connection, axis.number, quantity, Span())
         state, place, before, new = DetectorState(), None, None, sorted((*stored, *new), key=_in_time)
     else:
         state, place, before = load_state(chart.state).detector, chart.place_mm, newest
-    judged, raised = list[LostMotionReading](), list[_Raised]()
+    judged, raised = list[ChartedReading](), list[_Raised]()
     for reading in new:
         if before is not None:
             state, is_another = beginnings.begun(state, before.at, reading.at)
@@ -324,19 +379,19 @@ def _chart(
             state = step(state, _observation(reading, lubricated=lubricated), design)
         before = replace(reading, state=str(state.status), uncharted=None if charted else OTHER_PLACE)
         judged.append(before)
-        if state.alarm is not None and was.alarm is None:
+        if settles and state.alarm is not None and was.alarm is None:
             epoch = bisect_right(beginnings.moments, reading.at)
             raised.append(_Raised(before, lost_motion_evidence(before, state), epoch))
     save_readings(connection, axis.number, {*judged}.difference(stored))
-    save_chart(connection, LostMotionChart(axis.number, dump_state(AxisState(detector=state)), place))
+    save_chart(connection, ReadingChart(axis.number, quantity, dump_state(AxisState(detector=state)), place))
     intake.say_changed(connection, axis)
     if settles and (raised or again):
         _settle(connection, axis, raised, beginnings, again=again, because_of=because_of)
 
 
-def _observation(reading: LostMotionReading, *, lubricated: bool) -> Observation:
+def _observation(reading: ChartedReading, *, lubricated: bool) -> Observation:
     return Observation(
-        reading.at, reading.reversal_value_um, reading.standard_uncertainty_um,
+        reading.at, SIGNS[reading.quantity] * reading.value, reading.standard_uncertainty,
         temperature=reading.temperature_c, lubricated=lubricated,
     )  # fmt: skip
 

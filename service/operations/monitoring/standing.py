@@ -6,7 +6,7 @@ from typing import Final
 from monitor_core.trend import TrendStatus
 from service.documents.axis_sentence import AxisFacts, Cleared, OpenAlarm
 from service.documents.change import read_cause
-from service.documents.lost_motion import LostMotionStanding
+from service.documents.lost_motion import ReadingStanding
 from service.documents.measurement import read_evidence
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.axis_configuration import preload_share
@@ -24,7 +24,7 @@ def facts_of(
     calibrations: CalibrationOverview,
     alarms: Sequence[AlarmView],
     history: AxisHistory,
-    lost_motion: LostMotionStanding,
+    lost_motion: ReadingStanding,
 ) -> AxisFacts:
     """Return what is known of an axis; its alarms come newest first."""
     row, last, together = status.row, status.last, history.together

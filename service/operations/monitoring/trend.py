@@ -28,7 +28,7 @@ from service.store.lookup import Remembered
 from service.store.rejudged import Stale, stale_axes
 from service.store.retention import LetGo, let_go
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, moment_of
-from service.store.trend.lost_motion import LostMotionReading, newest_readings
+from service.store.trend.lost_motion import ChartedReading, newest_readings
 from service.store.trend.points import (
     Cursor,
     Quality,
@@ -363,7 +363,7 @@ class Trend:
         open_alarms: int,
         stale: Stale | None,
         *,
-        lost: tuple[LostMotionReading, datetime | None] | None,
+        lost: tuple[ChartedReading, datetime | None] | None,
         renewed: datetime | None,
     ) -> AxisStatus:
         """Return how an axis stands; raises DocumentDamagedError if something stored of it cannot be read."""
