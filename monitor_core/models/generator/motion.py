@@ -9,8 +9,7 @@ from dataclasses import dataclass, fields
 from datetime import datetime, timedelta
 
 import numpy as np
-import scipy.interpolate
-import scipy.signal
+import scipy
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
