@@ -377,5 +377,59 @@ def test_the_tour_answers_what_it_shows(tmp_path, page):
             assert doctest.OutputChecker().check_output(cells_of(expected), got, doctest.ELLIPSIS), f"{command}{got}"
 
 
+#: Pages whose blocks of commands are run as they stand, one after the other in one folder, with a service.
+RUN = ["how-to/models-and-sessions.md", "how-to/identify-joints.md", "how-to/calibrate.md"]
+#: Why blocks of commands of other pages are not run here.
+NOT_RUN = {
+    "how-to/backup.md": "paths of a plant; test_backup.py runs both commands",
+    "how-to/data.md": "a list of files",
+    "how-to/explain.md": "minutes of search, one in a recording of the reader; test_cli_explain.py runs the command",
+    "how-to/install.md": "containers",
+    "how-to/maintenance.md": "an axis of a plant; test_maintenance.py sends the same requests",
+    "how-to/mqtt.md": "a broker",
+    "how-to/opcua.md": "a client that stays connected",
+    "how-to/resonance-tests.md": "commands of a printer and a control; its files are read in test_resonance_tests.py",
+    "how-to/retention.md": "a service that stays up, an axis of a plant",
+    "how-to/several-services.md": "a database and a proxy",
+}
+
+
+def blocks_of(page: str) -> list[str]:
+    """Return the blocks of a page that have no language, or are for a shell."""
+    found = re.findall(r"^```(\w*)[^\n]*\n(.*?)^```$", text_of(page), flags=re.MULTILINE | re.DOTALL)
+    return [block for language, block in found if language in ("", "sh")]
+
+
+def test_every_block_of_commands_is_run_or_said_not_to_be():
+    pages = [
+        f"{folder}/{path.name}"
+        for folder in ("tutorial", "how-to")
+        for path in sorted((PROJECT_ROOT / "docs" / folder).glob("*.md"))
+    ]
+    with_blocks = {page for page in pages if blocks_of(page)}
+    assert with_blocks - {*TOURS, *RUN} == set(NOT_RUN)
+    for page in RUN:
+        assert page in with_blocks
+
+
+@pytest.mark.release
+@pytest.mark.parametrize("page", RUN)
+def test_blocks_of_commands_run(tmp_path, page):
+    if shutil.which("curl") is None:
+        pytest.skip("pages are told with curl, which is not installed")
+    (tmp_path / "replay_data").symlink_to(PROJECT_ROOT / "replay_data")
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    with embedded_service(Settings(data_dir=tmp_path / "var", port=0)) as url:
+        environment = os.environ | {"URL": url, "NO_PROXY": "127.0.0.1", "COLUMNS": "200"}
+        for block in blocks_of(page):
+            commands = "set -e\n" + block.replace("URL=http://127.0.0.1:8710; ", "")
+            answer = subprocess.run(
+                ["bash", "-c", commands], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600,
+                check=False,
+            )  # fmt: skip
+            assert answer.returncode == 0, f"{block}{answer.stderr}"
+            assert TYPE_PREFIX not in answer.stdout, f"{block}{answer.stdout}"
+
+
 def test_the_tour_of_the_api_names_the_type_of_problems():
     assert TYPE_PREFIX in text_of("reference/http-api.md")
