@@ -20,7 +20,15 @@ from monitor_core.discrepancy.search.workspace import (
     TimeIsUpError,
     Workspace,
 )
-from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, classes_with_fit, margin_between
+from monitor_core.discrepancy.verdict.classes import (
+    AMPLITUDE_LAW,
+    TIME_LAW,
+    EquivalenceClass,
+    classes_with_fit,
+    goes_with_amplitude,
+    margin_between,
+    n_levels,
+)
 from monitor_core.discrepancy.verdict.outcome import (
     PULLS,
     Remainder,
@@ -36,6 +44,7 @@ from monitor_core.effects.sizes import MachineSizes
 from monitor_core.fitting.axis import DescribedAxis
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.groups import has_lines
+from monitor_core.fitting.evidence import delta_bic, evidence_scale
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
@@ -157,7 +166,7 @@ class _Asked(Generic[Physics]):
                 report("judging what was found")
                 follows = otherwise.follows(workspace.baseline, steps[-1])
                 if may_be_wrong and follows is None and not judged_gap(steps[-1]).exceeds_healthy:
-                    worst, _ = records.worst(steps[-1])
+                    worst = _bent_to(records, steps) or records.worst(steps[-1])[0]
                 found, classes = _named(workspace, steps, for_now=worst is not None or follows is not None)
         except TimeIsUpError:
             worst, follows, unfinished = None, None, _unfinished(workspace, report.doing)
@@ -173,7 +182,7 @@ class _Asked(Generic[Physics]):
         wanders = wandering(final, members, remainder)
         try:
             with nullcontext() if searched.unfinished else searched.axis.stoppable():
-                searched = _with_laws_of_time(searched)
+                searched = _with_other_laws(searched)
                 outcome, description = self._conclude(searched, remainder, wanders=bool(wanders))
         except TimeIsUpError:  # which is raised once: nothing more is asked then
             searched = replace(searched, unfinished=Unfinished(self.progress.doing))
@@ -242,6 +251,13 @@ def _outcome(
     return outcome_of(classes, remainder, explained=explained, allowed=allowed)
 
 
+def _bent_to(records: Records[Physics], steps: Sequence[Fitted[Physics]]) -> WrongRecord | None:
+    """Return the record that a search bent to: with what was found, or alone better than all that was found."""
+    first, final = steps[0], steps[-1]
+    found = delta_bic(first, final, evidence_scale(final))
+    return records.bent_to(final) or (records.bent_to(first, found) if first is not final else None)
+
+
 def _named(
     workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]], *, for_now: bool
 ) -> tuple[Found[Physics], Sequence[EquivalenceClass[Physics]]]:
@@ -255,15 +271,35 @@ def _named(
     return replace(found, final=final), classes
 
 
-def _with_laws_of_time(searched: _Searched[Physics]) -> _Searched[Physics]:
-    """Return what was found, with the law of time in the classes that it would do in the place of."""
+def _with_other_laws(searched: _Searched[Physics]) -> _Searched[Physics]:
+    """Return what was found, with the laws of time and amplitude in the classes that they would do in the place of."""
     found = searched.found
     is_named = not (searched.unfinished or searched.follows or names_nothing(found.baseline, found.final))
     if not is_named or not has_lines(found.final.comparison.layout):
         return searched
     pairs = zip(searched.classes, found.accepted, strict=True)
     classes = tuple(_left_to_time(searched.workspace, found, group, accepted) for group, accepted in pairs)
+    if len(classes) > 1 and _goes_with_amplitude_alone(searched.workspace, found):
+        laws = (tuple(dict.fromkeys((*group.other_laws, AMPLITUDE_LAW))) for group in classes)
+        classes = tuple(replace(group, other_laws=each) for group, each in zip(classes, laws, strict=True))
     return replace(searched, classes=classes)
+
+
+def _goes_with_amplitude_alone(workspace: Workspace[Physics], found: Found[Physics]) -> bool:
+    """Return whether, at one level of excitation, one thing that goes with it would do in the place of all effects.
+
+    Its own law may fail where nothing was fitted, so that the search has named it not: the truth may follow another.
+    """
+    baseline, final, scale = found.baseline, found.final, found.evidence_scale
+    if n_levels(final.comparison.layout) > 1:
+        return False
+    least = -margin_between(found, delta_bic(baseline, final, scale))
+    fits = (
+        workspace.try_fit(baseline.hypothesis.with_effect(screened.effect), screened.starts[0])
+        for screened in workspace.screened(baseline)
+        if goes_with_amplitude(screened.effect)
+    )
+    return any(alone is not None and delta_bic(final, alone, scale) >= least for alone in fits)
 
 
 def _left_to_time(

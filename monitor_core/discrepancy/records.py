@@ -20,7 +20,8 @@ that is independent,
 The last term is the price of having looked at every record for every fault. A record that is wrong in another way has a
 variance q s² of its own; with n values that is worth :math:`a n (q - 1 - \ln q)`.
 
-What stands out together with the others of one level, all that were taken warm, say, is an effect and no record.
+What stands out together with the others of one level, all that were taken warm, say, is an effect and no record. Once
+nothing else is missing, a record that the fit has bent to, so that others stand out in its place, is judged by a refit.
 """
 
 import math
@@ -405,7 +406,7 @@ def _retagged(without: Fitted[Physics], wrong: WrongRecord) -> Fitted[Physics] |
     is_wrong = [each == wrong.observations for each in records.records]
     with suppress(OutsideValidityError):
         values = np.where(is_wrong, wrong.found / per_unit, records.tags(tag))
-        return fit(records.retagged(tag, values), without.hypothesis, without.coordinates)
+        return fit(records.retagged(tag, values), without.hypothesis, without.coordinates, without.fitted)
     return None
 
 
@@ -459,6 +460,30 @@ class Records(Generic[Physics]):
             return None, right
         wrong, others = self._accounted_for(fitted, whole, record)
         return (wrong, right | others) if wrong is not None else self.worst(fitted, right | others)
+
+    def bent_to(self, fitted: Fitted[Physics], to_beat: float = 0.0) -> WrongRecord | None:
+        """Return the record that a fit of those that are kept has bent to, None without any.
+
+        Its setting is pulled further than those of the others, and little of its misfit is left. So it is judged under
+        a fit to the others, and its tag needs as much evidence in a fit to all as an effect, beyond ``to_beat``.
+        """
+        whole = self.whole
+        if not isinstance(whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(whole.layout.settings):
+            return None
+        pulls = np.nan_to_num(fitted.around.whitened_by.pulls(fitted.misfit), posinf=0.0, neginf=0.0)
+        furthest = np.max(np.abs(pulls) / scatter_of(pulls), axis=1, initial=0.0)
+        every = [index for index in range(len(whole.layout.settings)) if index not in self.wrong]
+        if np.max(furthest) < _LEAST_SIZE:
+            return None
+        index = every[int(np.argmax(furthest))]
+        others = fit(whole.only(frozenset(every) - {index}), fitted.hypothesis, fitted.coordinates)
+        wrong = record_under(others, whole, index)
+        retagged = None if wrong is None else _retagged(fitted, wrong)
+        if retagged is None:
+            return None
+        scale, n_looks = evidence_scale(retagged), len(every) * len(RecordFault)
+        evidence = delta_bic(fitted, retagged, scale) - scale.penalty(1) - 2.0 * math.log(n_looks)
+        return wrong if evidence >= to_beat + whole.least_delta_bic else None
 
     def _accounted_for(
         self, fitted: Fitted[Physics], whole: HasRecords[Physics], worst: WrongRecord

@@ -8,6 +8,7 @@ import pytest
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import RecordFault
 from monitor_core.discrepancy.records import (
+    Records,
     cleared,
     least_along,
     record_costs,
@@ -146,6 +147,30 @@ def test_of_healthy_machines_no_record_is_named() -> None:
         for seed in range(20)
     ]
     assert not any(named)
+
+
+def bent(observations):
+    """Return the comparison of observations, and the fit of the axis as described that may have bent to one of them."""
+    comparison, hypothesis = compared(observations), Hypothesis(subject())
+    return comparison, fit(comparison, hypothesis, hypothesis.null, fitted_values(comparison.layout))
+
+
+def test_a_record_that_the_fit_has_bent_to_is_found_under_a_fit_without_it() -> None:
+    """The first record is nearest to the bearing, and what its preload says moves two declared springs."""
+    observations = measured(true_subject(), CONDITIONS)
+    wrong = observations[0]
+    observations[0] = replace(wrong, conditions=replace(wrong.conditions, preload=180.0))
+    comparison, fitted = bent(observations)
+    assert worst_record(fitted, comparison, frozenset()) is None  # it looks like others
+    record = Records(comparison).bent_to(fitted)
+    assert (record.number, record.fault) == (1, RecordFault.PRELOAD)
+    assert record.found == pytest.approx(120.0, abs=max(3.0 * record.standard_uncertainty, 3.6))
+
+
+@pytest.mark.release
+def test_of_healthy_machines_a_fit_has_bent_to_no_record() -> None:
+    pairs = [bent(measured(true_subject(seed), CONDITIONS, seed=seed)) for seed in range(20)]
+    assert not any(Records(comparison).bent_to(fitted) for comparison, fitted in pairs)
 
 
 #: The last two records were taken 40 K warmer, as is stated.
