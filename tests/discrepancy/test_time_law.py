@@ -40,26 +40,30 @@ def test_a_drift_does_as_well_where_it_is_the_truth(truth, left_open) -> None:
     assert said[0] == "asking whether it changes with time"
 
 
-def answer_to_drift(number, size, noise, plant, machine, disturbance, seed):  # noqa: PLR0917
-    """Return what is said of a preload that drifts, where settings scatter twice as much as is stated."""
+def drifting(number, size, noise, plant, machine, disturbance, seed):  # noqa: PLR0917
+    """Return a case of a preload that drifts, where settings scatter twice as much as is stated."""
     situation = ("receptance", plant, machine, "rich", "larger", disturbance)
-    return answered(drawn(Job(number, "outside:preload-drift", size, noise, *situation), seed))
+    return drawn(Job(number, "outside:preload-drift", size, noise, *situation), seed)
 
 
 @pytest.mark.release
 def test_a_law_of_time_that_explains_more_than_a_name_leaves_that_open() -> None:
     """However much of what varies freely, or is missing, is errors of settings."""
-    answer = answer_to_drift(158, "medium", 0.01, "transmission line", "bench", "clean", 26585308)
+    answer = answered(drifting(158, "medium", 0.01, "transmission line", "bench", "clean", 26585308))
     assert answer.outcome == Outcome.EQUIVALENT
     assert [(effect.key, effect.equivalent_to) for effect in answer.effects] == [(PERIODIC.key, (TIME_LAW,))]
 
 
 @pytest.mark.release
 def test_a_law_of_time_that_explains_most_is_described_in_the_place_of_a_name() -> None:
-    answer = answer_to_drift(161, "large", 0.003, "finite elements", "mini", "hum", 759593450)
-    assert (answer.outcome, answer.effects) == (Outcome.DESCRIBED, ())
+    """By as much as the cube root of the preload falls from the first setting to the last."""
+    case = drifting(161, "large", 0.003, "finite elements", "mini", "hum", 759593450)
+    answer = answered(case)
+    assert (answer.outcome, answer.effects, answer.records) == (Outcome.DESCRIBED, (), ())
     (found,) = answer.described
-    assert (found.place, found.law.variable) == ("nut", Variable.ORDER)
+    assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.ORDER)
+    low, high = found.parameters["change"].interval_95
+    assert low < (1.0 - case.truth["outside:preload-drift"]["share"]) ** (1.0 / 3.0) - 1.0 < high
 
 
 def test_what_changes_the_nut_is_in_the_catalogue() -> None:
