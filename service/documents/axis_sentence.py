@@ -9,7 +9,7 @@ from datetime import datetime
 from service.documents.frequency_fall import FrequencyFall, fall_sentence
 from service.documents.history import AlertView, LineView
 from service.documents.measurement import AlarmEvidence, Loss
-from service.documents.said import N_, PlusMinus, Said, Value
+from service.documents.said import N_, PlusMinus, Said, Sentence, Value
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +178,7 @@ def _what_is_lost(facts: AxisFacts, alarm: OpenAlarm) -> Said:
     values: dict[str, Value] = {"day": alarm.onset}
     if alarm.other_cause is not None:
         text = N_("Since %(day)s the frequency is lower, as when preload is lost. What was measured says: %(cause)s.")
-        return Said(text, values | {"cause": alarm.other_cause})
+        return Said(text, values | {"cause": Sentence(alarm.other_cause)})
     fall = facts.fall if facts.fall is not None and facts.fall.is_evident else alarm.fall
     if fall is not None:
         return fall_sentence(fall, alarm.onset)

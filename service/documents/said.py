@@ -11,6 +11,12 @@ class Stated(float):
     """A number as somebody stated it, shown with all its digits."""
 
 
+class Sentence(str):
+    """A sentence that was written in English before, within another."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True)
 class PlusMinus:
     """A number with half of its interval, shown with two digits of that."""

@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 from monitor_core.uncertainty import plus_minus
 from service.clock import now
 from service.documents.measurement import shares_in_words
-from service.documents.said import N_, PlusMinus, Said, Stated, Value
+from service.documents.said import N_, PlusMinus, Said, Sentence, Stated, Value
 from service.report.rounding import UNKNOWN, notation
 from service.web.words import Words
 
@@ -104,6 +104,8 @@ def say(words: Words, said: Said | None) -> Markup:
 def _said(words: Words, value: Value) -> str | Markup:
     if isinstance(value, datetime):
         return day(value)
+    if isinstance(value, Sentence):
+        return words.told(value)
     if isinstance(value, Stated):
         return stated(words, value)
     if isinstance(value, PlusMinus):
