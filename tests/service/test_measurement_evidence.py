@@ -1,7 +1,9 @@
 """Why a measurement has its value, by the API: gates with limits, ladder, whole response, other calibrations."""
 
 import dataclasses
+import re
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from service.documents.stored_measurement import StoredMeasurement
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.evidence import _stored_gates
 from tests.browser.states import CONFIGURATION, HEALTHY, WORN, measure, measurement
-from tests.service.conftest import Api, running_service
+from tests.service.conftest import START, Api, running_service, simulated_measurement
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +125,18 @@ def test_where_waveforms_are_gone_the_evidence_says_so(tmp_path: Path) -> None:
         told = get(api, number)
         assert all(gate["passed"] for gate in told["gates"])  # of what is stored with the value
         assert api.http.get(f"/axes/axis/measurements/{number}", headers={"accept": "text/html"}).status_code == 200
+
+
+def test_the_one_that_is_compared_is_chosen_in_the_list_though_it_is_none_of_the_history(tmp_path: Path) -> None:
+    """Three of the axis' own, and one whose preload was set on purpose, which no history shows."""
+    rng = np.random.default_rng(7)
+    with running_service(tmp_path / "var") as api:
+        api.register("axis", **CONFIGURATION)
+        api.calibrate("axis")
+        for day, set_preload in enumerate((None, None, None, 250.0)):
+            at = START + timedelta(days=day)
+            windows = simulated_measurement(rng, f"m{day}", n_windows=4, started_at=at, set_preload=set_preload)
+            api.accept("axis", windows)
+        own, *_, on_purpose = (point["measurement_id"] for point in api.trend("axis"))
+        page = api.http.get(f"/axes/axis/measurements/{own}", params={"with": on_purpose}).text
+        assert re.findall(r'<option value="(\d+)" selected>', page) == [str(on_purpose)]
