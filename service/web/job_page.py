@@ -31,11 +31,19 @@ class Joint(BaseModel):
     verdict: str
 
 
+class DroppedPeak(BaseModel):
+    """A peak that was left out."""
+
+    reason: str
+
+
 class Joints(BaseModel):
     """All of them."""
 
     parameters: dict[str, Joint]
     not_identifiable: list[str]
+    missing_modes: list[str]
+    dropped_peaks: list[DroppedPeak] = []  # earlier versions had none
     taken_as: list[str]
     model: str
 

@@ -264,6 +264,7 @@ JOINTS = {
         },
     },
     "not_identifiable": ["nut_damping_ns_per_m is not determined by these data"],
+    "missing_modes": [],
     "taken_as": [],
     "model": 'family = "receptance"',
 }  # fmt: skip

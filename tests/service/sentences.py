@@ -42,14 +42,14 @@ _NOT_SAID = frozenset({
 })  # fmt: skip
 #: What has blanks and is no sentence: commands, elements, headers.
 _NO_SENTENCE = re.compile(r"<|--|`?preload [a-z]+ [{A-Z-]|(user|key) [a-z]+|default-src |attachment;")
-#: Single words that stand in sentences as their values.
+#: Words that stand in sentences as their values.
 _KINDS = (
     Cause, ExcitationQuantity, ExcitationSource, IntervalKind, MapKind, Quantity, ResponseQuantity,
     Verdict, WitnessName,
 )  # fmt: skip
 _WORDS = (
     "95 % coverage", "colder", "confidence", "failed", "falls", "fell", "frequency", "gain", "gained", "less",
-    "lost", "loss", "more", "rises", "rose", "warmer",
+    "lost", "loss", "more", "rises", "rose", "the peak at {0} Hz at {1} mm", "warmer",
 )  # fmt: skip
 _SQL = re.compile(r"\b(SELECT|INSERT|UPDATE|CREATE|DELETE|PRAGMA|DROP|ALTER)\b")
 

@@ -1,5 +1,6 @@
 """Identification of joints as a job: from posted peaks and from stored measurements, progress, cancel, refusals."""
 
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,19 @@ def test_result_is_the_json_of_the_command(shared_api: Api, tmp_path: Path) -> N
         PEAKS, "--model", model, "--hold-out-mm", 800, 1300, 1900, "--seed", 3,
         "--limit", "nut_stiffness_n_per_m", 1e8, 3e9,
     )  # fmt: skip
+
+
+def test_the_page_says_in_german_why_a_peak_was_left_out(shared_api: Api, tmp_path: Path) -> None:
+    shared_api.register("dropped")
+    model = model_file(tmp_path, "nut.toml", "nut_stiffness_n_per_m").read_text(encoding="utf-8")
+    # between modes 2 and 3, which have their own there
+    job = start(shared_api, "dropped", model=model, peaks=[*published_peaks(), peak(1000, 200)], seed=3)
+    wait_for(shared_api, job["id"], "done")
+    page = shared_api.http.get(f"/jobs/{job['id']}", headers={"accept-language": "de"}).text
+    dropped = "die Spitze bei 200 Hz an 1000 mm ist keine axiale Mode: keine andere Position"
+    assert page.count(dropped) == 1
+    assert page.count("; Moden 2 und 3 haben ihre eigenen</p>") == 1
+    assert re.findall(r"Mode 3 bei \d+ Hz hat keine Spitze bei 1300 mm: Der Tisch steht in ihrem Knoten", page)
 
 
 @pytest.mark.release

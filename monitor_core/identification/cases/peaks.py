@@ -106,8 +106,9 @@ class DroppedPeak:
                 f"it moved by {self.moved:+.3g} Hz from {self.elsewhere.conditions.position * 1e3:g} mm, where {mode} "
                 f"would by {self.mode_moves:+.3g} Hz"
             )
-        own = " and ".join(map(str, self.own_peaks))
-        return f"{self.observation.name} is no axial mode: {reason}" + (f"; modes {own} have their own" if own else "")
+        if self.own_peaks:
+            reason = f"{reason}; modes {' and '.join(map(str, self.own_peaks))} have their own"
+        return f"{self.observation.name} is no axial mode: {reason}"
 
 
 @dataclass(frozen=True, slots=True)
