@@ -48,6 +48,8 @@ _MOST_BYTES, _MOST_OF_TABLE, _TRANSFER_S = 2**26, 2**36, 3600.0
 _BUSY = (429, 503)
 #: A proxy says that it got no answer: like a broken connection.
 _BROKEN = (502, 504)
+#: No answer came that can be read, or nothing could be asked at that address.
+_NO_ANSWER = (httpx.RequestError, httpx.InvalidURL)
 
 
 class Routes(ABC):
@@ -57,6 +59,10 @@ class Routes(ABC):
         self._url = url
         self._retries = retries
         self._timeout_s = timeout_s
+        try:
+            httpx.URL(url)
+        except httpx.InvalidURL as error:
+            raise self._unreachable(error) from error
 
     @abstractmethod
     def _answered(
@@ -161,8 +167,8 @@ class Routes(ABC):
 
     async def maintenance(self, axis: str) -> list[MaintenanceEntry]:
         """Return what was done to an axis, corrected entries included, by when it was done."""
-        answer = await self.request("GET", f"/v1/axes/{axis}/maintenance")
-        return list(cast(Sequence[MaintenanceEntry], answer["entries"]))
+        path = f"/v1/axes/{axis}/maintenance"
+        return [cast(MaintenanceEntry, entry) async for entry in self.records(path, "entries")]
 
     async def post_maintenance(
         self,
@@ -278,7 +284,7 @@ class Routes(ABC):
                 with Path(file).open("wb") as output:
                     async for part in parts:
                         output.write(part)
-        except httpx.TransportError as error:
+        except _NO_ANSWER as error:
             raise self._unreachable(error) from error
         return Path(file)
 
@@ -303,8 +309,8 @@ class Routes(ABC):
             try:
                 async with self._answered(method, path, total_s, _MOST_BYTES, **arguments) as (answer, parts):
                     body = await _joined(parts)
-            except (httpx.TransportError, httpx.UnsupportedProtocol) as error:
-                again = safe or isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
+            except _NO_ANSWER as error:
+                again = isinstance(error, httpx.TransportError if safe else httpx.ConnectError | httpx.ConnectTimeout)
                 if not again or not left or isinstance(error, httpx.UnsupportedProtocol):
                     raise self._unreachable(error) from error
             else:
@@ -320,11 +326,9 @@ class Routes(ABC):
             pause *= 2
 
     def _document(self, body: bytes) -> Document:
-        with suppress(ValueError):
-            document = json.loads(body)
-            if isinstance(document, dict):
-                return document
-        raise self._no_service()
+        if (document := _parsed(body)) is None:
+            raise self._no_service()
+        return document
 
     def _no_service(self) -> UnreachableError:
         return UnreachableError(f"what answers at {self._url} is not the service")
@@ -339,8 +343,16 @@ async def _joined(parts: AsyncIterator[bytes]) -> bytes:
 
 def _refusal(method: str, path: str, answer: httpx.Response, body: bytes) -> ProblemError:
     is_problem = answer.headers.get("content-type", "").startswith("application/problem+json")
-    document = json.loads(body) if is_problem else {"detail": body.decode(errors="replace")[:200]}
-    return ProblemError(method, path, answer.status_code, document)
+    document = _parsed(body) if is_problem else None
+    return ProblemError(method, path, answer.status_code, document or {"detail": body.decode(errors="replace")[:200]})
+
+
+def _parsed(body: bytes) -> Document | None:
+    with suppress(ValueError, RecursionError):
+        document = json.loads(body)
+        if isinstance(document, dict):
+            return document
+    return None
 
 
 def _written(moment: Moment | None) -> str | None:
