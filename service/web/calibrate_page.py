@@ -142,7 +142,7 @@ def fit(axis: AxisId, page: PageOf, form: Annotated[FitForm, Form()], on: Servic
     return done(f"/axes/{axis}/calibrate", "fit-begun")
 
 
-@router.post("/axes/{axis}/calibrate/{job}/cancel", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])
+@router.post("/axes/{axis}/calibrate/{job}/cancel", dependencies=[needs(Scope.REPLAYS_RUN)])
 def cancel(axis: AxisId, job: JobId, on: ServicesOf) -> Response:
     """Stop a fit."""
     row = on.jobs.get(job)

@@ -184,7 +184,7 @@ def _upload_page(page: Page, axis: str, on: Services, *, refusal: str = "", stat
     )
 
 
-@router.post("/axes/{axis}/import/{recording}/remove", dependencies=[needs(Scope.WINDOWS_WRITE)])
+@router.post("/axes/{axis}/import/{recording}/remove", dependencies=[needs(Scope.ADMIN)])
 def remove(axis: AxisId, recording: RowId, on: ServicesOf) -> Response:
     """Remove the files of a recording; the windows that were taken from it stay."""
     on.recordings.remove(axis, recording)

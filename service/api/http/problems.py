@@ -5,7 +5,7 @@ from http import HTTPStatus
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
@@ -14,9 +14,11 @@ from starlette.types import Receive, Scope, Send
 from monitor_core.errors import MonitorCoreError
 from service.errors import (
     BodyTooSlowError,
+    InvalidRequestError,
     ServiceError,
     TooManyTriesError,
     UnauthenticatedError,
+    first_refusal,
     sentence_of,
     status_of,
 )
@@ -118,6 +120,13 @@ def install_problem_handlers(app: FastAPI) -> None:
     @app.exception_handler(MonitorCoreError)
     async def _refused(_request: Request, error: Exception) -> JSONResponse:
         return problem_of(error)
+
+    @app.exception_handler(ValidationError)
+    async def _typed(request: Request, error: ValidationError) -> JSONResponse:
+        """Refuse what was typed into a form of a page; elsewhere what is stored cannot be read, which is a fault."""
+        if request.method != "POST" or request.url.path.startswith("/v1/"):
+            raise error
+        return problem_of(InvalidRequestError(first_refusal(error)))
 
     @app.exception_handler(RequestValidationError)
     async def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:
