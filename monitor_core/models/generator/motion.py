@@ -1,7 +1,7 @@
 """Record a drive of transmission lines whose control follows a motion: a session, and all that its parts do meanwhile.
 
-One uninterrupted run; its windows follow each other without pause. All channels pass one anti-aliasing filter, so that
-responses between them are those of the drive.
+One uninterrupted run; its windows follow each other without pause. All channels are averaged alike, the speed as steps
+of the angle, and pass one anti-aliasing filter, so that responses between them are those of the drive.
 """
 
 from collections.abc import Iterator
@@ -56,14 +56,18 @@ def simulate_motion(
     """Run a drive in its speed loop along a motion, from rest, the nut moving with the commanded travel.
 
     ``OutsideValidityError`` if the model is none of transmission lines, states no speed loop, or is asked for a motion
-    that takes its nut off the screw or lasts too long.
+    that takes its nut off the screw, or lasts too long or too short; or if the loop does not hold the table there.
     """
     if not isinstance(model, TransmissionLineModel):
         raise OutsideValidityError("a motion is followed by a model of the family transmission-line, without effects")
     if stated.control is None:
         raise OutsideValidityError("a motion is followed by a drive in its loop; state [simulation.speed-loop]")
     grid, rate = model.grid, settings.sample_rate
-    step = grid.time_step
+    step, length = grid.time_step, model.parameters.screw_length
+    if rate * step > 1.0:
+        raise OutsideValidityError(f"sample_rate must not exceed that of the lines, {1.0 / step:g} Hz; got {rate:g} Hz")
+    if profile.duration * rate < 2.0:
+        raise OutsideValidityError(f"a motion must last for two samples, {2.0 / rate:g} s; got {profile.duration:g} s")
     averaged = max(1, int(1.0 / (_VALUES_IN_A_SAMPLE * rate * step)))
     n_averages = int(profile.duration / (step * averaged))
     if n_averages * averaged > MOST_STEPS:
@@ -81,8 +85,9 @@ def simulate_motion(
         drive = DriveRun(
             discretise(model.parameters, grid, conditions, MotorEnd.FREE, stated.friction, control=stated.control),
             grid,
-            model.parameters.screw_length,
+            length,
         )
+        turned = 0.0
         at_once = max(1, _STEPS_AT_ONCE // averaged)
         for first in range(0, n_averages, at_once):
             n = min(at_once, n_averages - first) * averaged
@@ -90,20 +95,31 @@ def simulate_motion(
             commanded = (speed(time) + random[(time * rate).astype(np.intp)]) / ratio
             force = np.interp(time, known, cutting)
             position = conditions.position + travel(time) - start
-            done = drive.advance(np.zeros(n), commanded, force, position)
-            yield np.array([commanded, force, *done]).reshape(len(done) + 2, -1, averaged).mean(axis=2)
+            acceleration, travelled, angle, *others = drive.advance(np.zeros(n), commanded, force, position)
+            table = conditions.position + travelled
+            off = ~((table >= 0.0) & (table <= length))
+            if np.any(off):
+                raise OutsideValidityError(
+                    "the speed loop is unstable or does not follow the motion: "
+                    f"expected the table within 0 and {length:g} m, got {table[off][0]:g} m at {time[off][0]:g} s"
+                )
+            turning = np.diff(angle, prepend=turned) / step
+            turned = angle[-1]
+            channels = np.array([commanded, turning, force, acceleration, travelled, *others])
+            yield channels.reshape(len(channels), -1, averaged).mean(axis=2)
 
     values = np.concatenate(list(run()), axis=1)
     every = averaged * step
-    commanded, force, acceleration, displacement, angle, *others = values
-    turning = np.gradient(angle, every)
     smooth = scipy.signal.butter(6, 2.0 * _CUTOFF * rate * every, output="sos")
-    filtered = scipy.signal.sosfilt(
-        smooth, np.array([commanded, turning, force, acceleration, displacement, *others]), axis=1
-    )
+    commanded, turning, *others = scipy.signal.sosfilt(smooth, values, axis=1)
     at = np.arange(int(n_averages * every * rate)) / rate
     place = (np.arange(n_averages) + 0.5 - 0.5 / averaged) * every
-    return RecordedMotion(at, *(np.interp(at, place, channel) for channel in filtered))
+    return RecordedMotion(
+        at,
+        np.interp(at, place, commanded),
+        np.interp(at, place - 0.5 * step, turning),  # half-way between two angles
+        *(np.interp(at, place, channel) for channel in others),
+    )
 
 
 def windows_of_motion(
