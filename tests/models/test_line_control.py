@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import optimize, signal
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
@@ -13,6 +13,7 @@ from monitor_core.models.published.transmission_line import (
     common_step_grid,
     simulate_drive,
 )
+from monitor_core.models.published.transmission_line.junctions import Friction, dry_friction
 from monitor_core.models.published.transmission_line.mobility import DiscreteDrive, response_at
 from tests.models.line_reference import HEAVY, shaft
 
@@ -45,7 +46,8 @@ def test_speed_and_torque_follow_the_characteristic_polynomial_of_the_rigid_driv
 
 def test_a_run_in_the_loop_is_the_transform_of_controller_current_and_drive():
     p = shaft(**HEAVY)
-    grid, control = common_step_grid(p, 20), SpeedControl(2.0, 0.01, 1e-4, 1e-9)  # sampled at every step
+    grid = common_step_grid(p, 20)
+    control = SpeedControl(2.0, 0.01, 1e-4, grid.time_step)
     n = round(0.6 / grid.time_step)
     commanded = np.zeros(n)
     commanded[0] = 1.0
@@ -98,7 +100,7 @@ def test_a_speed_is_held_without_error_and_its_torque_is_the_friction_of_all_pla
 def test_each_friction_holds_the_screw_up_to_its_static_torque(place, torque, turns):
     p = shaft(**LOSSY_JOINTS)
     grid = common_step_grid(p, 20)
-    friction = DriveFriction(**{place: StribeckFriction(0.5, 1.0, 0.05)})
+    friction = DriveFriction(**{place: StribeckFriction(0.5, 1.0, 0.06)})
     n = round(0.2 / grid.time_step)
     slowly = torque * np.minimum(np.arange(n) / (0.5 * n), 1.0)  # no overshoot that breaks it loose
     run = simulate_drive(p, grid, HERE, slowly, friction=friction)
@@ -153,3 +155,41 @@ def test_what_no_loop_and_no_friction_can_be_is_refused():
     control = SpeedControl(1.0, 1.0, 0.0, 1e-4)
     with pytest.raises(OutsideValidityError, match="a motor that turns freely; got clamped"):
         simulate_drive(p, grid, HERE, np.zeros(9), control=control, motor_end=MotorEnd.CLAMPED)
+    with pytest.raises(OutsideValidityError, match="sampling_time of the speed loop must not be below the step"):
+        simulate_drive(p, grid, HERE, np.zeros(9), control=SpeedControl(1.0, 1.0, 0.0, 0.9 * grid.time_step))
+    with pytest.raises(OutsideValidityError, match="got a speed without control"):
+        simulate_drive(p, grid, HERE, np.zeros(9), speed=np.ones(9))
+
+
+def test_friction_that_turns_obeys_its_law_on_screws_of_all_thicknesses():
+    rng = np.random.default_rng(0)
+    slopes = np.empty(2000)
+    for k in range(slopes.size):
+        while True:
+            impedance = np.sqrt(80e9 * 7850.0) * np.pi * rng.uniform(0.012, 0.040) ** 4 / 32.0
+            coulomb, fades = rng.uniform(0.02, 0.5), rng.uniform(0.0, 0.5)
+            rubs = Friction(coulomb, coulomb + fades, np.exp(rng.uniform(np.log(0.05), np.log(1.3))))
+            x = np.linspace(0.0, 3.0, 3001)
+            slopes[k] = np.max(2.0 * x / (1.0 + x**2) ** 2) * fades / (rubs.stribeck_velocity * impedance)
+            if slopes[k] < 1.0:
+                break
+        driving = rubs.static * (1.0 + np.exp(rng.uniform(np.log(1e-6), np.log(100.0))))
+
+        def surplus(v, driving=driving, rubs=rubs, impedance=impedance, fades=fades):
+            return driving - impedance * v - rubs.coulomb - fades / (1.0 + (v / rubs.stribeck_velocity) ** 2)
+
+        v = optimize.brentq(surplus, 0.0, driving / impedance, xtol=1e-15, rtol=1e-14)
+        friction = dry_friction(rubs, driving, impedance)
+        assert friction == pytest.approx(driving - impedance * v, rel=1e-9)
+        assert dry_friction(rubs, -driving, impedance) == -friction
+    assert np.max(slopes) > 0.99
+
+
+@pytest.mark.parametrize("place", ["guides", "nut", "bearing", "far_bearing"])
+def test_friction_that_allows_several_speeds_at_once_is_refused(place):
+    p = shaft(screw_diameter=0.012, screw_minor_diameter=0.010)
+    grid = common_step_grid(p, 20)
+    simulate_drive(p, grid, HERE, np.zeros(2), friction=DriveFriction(**{place: StribeckFriction(0.1, 0.2, 1.3)}))
+    fast = DriveFriction(**{place: StribeckFriction(0.1, 0.2, 1e-9)})
+    with pytest.raises(OutsideValidityError, match=f"stribeck_velocity of the friction at {place} must be at least"):
+        simulate_drive(p, grid, HERE, np.zeros(2), friction=fast)

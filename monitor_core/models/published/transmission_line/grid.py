@@ -16,7 +16,16 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.ball_screw import BallScrew, nut_rigidity
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.published.transmission_line.junctions import Bearing, Friction, Motor, Nut, SpeedLoop, Table
+from monitor_core.models.published.transmission_line.junctions import (
+    STEEPEST,
+    Bearing,
+    Friction,
+    Motor,
+    Nut,
+    SpeedLoop,
+    Table,
+    share_of_coupling,
+)
 from monitor_core.models.published.transmission_line.kernel import LineDrive, Lines
 
 
@@ -248,8 +257,16 @@ class SpeedControl:
             raise OutsideValidityError(f"current_lag must not be negative; got {self.current_lag} s")
 
     def on(self, step: float) -> SpeedLoop:
-        """Return the loop in steps of the lines [s], to the next whole number of which its sampling time is put."""
-        every = max(1, round(self.sampling_time / step))
+        """Return the loop in steps of the lines [s], to the next whole number of which its sampling time is put.
+
+        ``OutsideValidityError`` if it samples more often than the lines step.
+        """
+        if self.sampling_time < step * (1.0 - _WHOLE):
+            raise OutsideValidityError(
+                f"sampling_time of the speed loop must not be below the step of the lines, {step:g} s; "
+                f"got {self.sampling_time:g} s"
+            )
+        every = round(self.sampling_time / step)
         followed = 1.0 if self.current_lag == 0.0 else -math.expm1(-step / self.current_lag)
         period = every * step
         return SpeedLoop(self.proportional_gain, period / self.integral_time, every, period, followed)
@@ -268,15 +285,33 @@ def discretise(
     *,
     control: SpeedControl | None = None,
 ) -> LineDrive:
-    """Return the discretised drive: lines as delays, everything else as trapezoidal stubs."""
+    """Return the discretised drive: lines as delays, everything else as trapezoidal stubs.
+
+    ``OutsideValidityError`` if a friction fades so fast that what drives a place allows several speeds.
+    """
     h = 0.5 * grid.axial_step
     z = grid.axial_impedance(parameters)
     nut_stiffness = nut_rigidity(parameters.nut_stiffness, conditions.preload, parameters.dynamic_load_rating)
     i = parameters.transmission_ratio
     length = parameters.screw_length
     moving_mass = parameters.table_mass + conditions.payload_mass
+    torsional = grid.torsional_impedance(parameters)
+    motor = _motor(parameters, grid, motor_end, _dry(friction.bearing))
+    for place, unit, impedance in (
+        ("guides", "m/s", moving_mass / h + parameters.table_damping),
+        ("nut", "rad/s", 2.0 * torsional),  # on a node; more between two
+        ("bearing", "rad/s", torsional / (1.0 - share_of_coupling(motor))),
+        ("far_bearing", "rad/s", torsional),
+    ):
+        rubs: StribeckFriction = getattr(friction, place)
+        least = STEEPEST * (rubs.static - rubs.coulomb) / impedance
+        if rubs.stribeck_velocity < least:
+            raise OutsideValidityError(
+                f"stribeck_velocity of the friction at {place} must be at least {least:.4g} {unit} on these lines, or "
+                f"several speeds obey it at once; got {rubs.stribeck_velocity:g} {unit}"
+            )
     return LineDrive(
-        lines=Lines(grid.axial_sections, grid.torsional_sections, z, grid.torsional_impedance(parameters), i),
+        lines=Lines(grid.axial_sections, grid.torsional_sections, z, torsional, i),
         axial_substeps=grid.axial_substeps,
         moving_mass=moving_mass,
         bracket_compliance=1.0 / parameters.bracket_stiffness,
@@ -291,7 +326,7 @@ def discretise(
             viscous_friction=parameters.table_damping,
             friction=_dry(friction.guides),
         ),
-        motor=_motor(parameters, grid, motor_end, _dry(friction.bearing)),
+        motor=motor,
         loop=_OPEN if control is None else control.on(grid.time_step),
         nut_friction=_dry(friction.nut),
         far_bearing_friction=_dry(friction.far_bearing),

@@ -7,7 +7,14 @@ a step h, a spring holds ½k(e + h ė)² and a mass ½m(v + h f/m)². Loops with
 These functions and tuples are read by the compiler of ``kernel`` as well as by Python.
 """
 
+import math
 from typing import NamedTuple
+
+#: Largest slope of 1/(1 + x²), at x = 1/√3.
+STEEPEST = 3.0 * math.sqrt(3.0) / 8.0
+_BEND = 1.0 / math.sqrt(3.0)
+_CLOSE = 1e-9  # Newton's method doubles the digits
+_MOST_ITERATIONS = 60  # where the solution is threefold each takes a third of the distance
 
 
 class Friction(NamedTuple):
@@ -144,9 +151,11 @@ def nut_against_a_held_table(
 def dry_friction(friction: Friction, driving: float, impedance: float) -> float:
     """Return the friction against what drives a body: all of it where the body sticks.
 
-    From impedance · v = driving − friction, implicit in v. Coulomb friction rises to the static one towards rest,
-    F_c + (F_s − F_c)/(1 + (v/v_s)²) (Stribeck, in the form of Hess and Soom, 1990); the impedance, m/h or 2Z, exceeds
-    its slope by orders of magnitude, so three iterations do.
+    From Z v = driving − friction, implicit in v. Coulomb friction rises to the static one towards rest,
+    F_c + (F_s − F_c)/(1 + (v/v_s)²) (Stribeck, in the form of Hess and Soom, 1990): with x = v/v_s that is
+    x + ρ/(1 + x²) = (driving − F_c)/(Z v_s), ρ = (F_s − F_c)/(Z v_s), which has one solution where ρ ``STEEPEST`` ≤ 1.
+    Its left side changes its curvature at x = 1/√3 alone, so that Newton's method comes to the solution from one side:
+    from beyond it, or from rest.
     """
     if friction.static == 0.0:
         return 0.0
@@ -155,9 +164,16 @@ def dry_friction(friction: Friction, driving: float, impedance: float) -> float:
         return driving
     against = friction.static
     if friction.static > friction.coulomb:
-        for _ in range(3):
-            ratio = (size - against) / (impedance * friction.stribeck_velocity)
-            against = friction.coulomb + (friction.static - friction.coulomb) / (1.0 + ratio * ratio)
+        fades, scale = friction.static - friction.coulomb, 1.0 / (impedance * friction.stribeck_velocity)
+        reached, rho = (size - friction.coulomb) * scale, fades * scale
+        ratio = reached if reached > _BEND + 0.75 * rho else 0.0
+        for _ in range(_MOST_ITERATIONS):
+            all_of_it = 1.0 + ratio * ratio
+            change = (reached - ratio - rho / all_of_it) / (1.0 - 2.0 * rho * ratio / all_of_it / all_of_it)
+            ratio += change
+            if abs(change) <= _CLOSE * ratio:
+                break
+        against = friction.coulomb + fades / (1.0 + ratio * ratio)
     return against if driving > 0.0 else -against
 
 
@@ -192,6 +208,14 @@ def nut_step(nut: Nut, state: NutState, rate: float, force: float, compliance: f
     return NutState(state.deflection + h * (state.rate + nut_rate), nut_rate, compliance * force, series_rate)
 
 
+def share_of_coupling(motor: Motor) -> float:
+    """Return how much of a torque on the end of the screw the coupling takes within a step, 0 to 1."""
+    if motor.prescribed:
+        return 0.0
+    gain = 1.0 / (1.0 + motor.coupling_resistance * (motor.admittance + 1.0 / motor.impedance))
+    return motor.coupling_resistance * gain / motor.impedance
+
+
 def motor_torque(motor: Motor, state: MotorState, incident: float, torque: float) -> tuple[float, float, MotorState]:
     """Return the torques of the coupling and of the bearing's friction on the screw, and the next state.
 
@@ -210,7 +234,7 @@ def motor_torque(motor: Motor, state: MotorState, incident: float, torque: float
     coupling = (spring + motor.coupling_resistance * relative) * gain
     friction = 0.0
     if motor.friction.static > 0.0:  # it twists the coupling, which takes a share of it
-        share = motor.coupling_resistance * gain / motor.impedance
+        share = share_of_coupling(motor)
         left = 1.0 - share
         friction = dry_friction(motor.friction, (coupling - 2.0 * incident) / left, motor.impedance / left)
         coupling += share * friction

@@ -30,6 +30,7 @@ from monitor_core.models.published.transmission_line.junctions import (
     motor_torque,
     nut_against_a_held_table,
     nut_step,
+    share_of_coupling,
     speed_loop,
     table_step,
 )
@@ -138,8 +139,8 @@ def compiled_stepper() -> Stepper:
     from numba.extending import register_jitable  # noqa: PLC0415
 
     for called in (
-        bearing_force, dry_friction, motor_torque, nut_against_a_held_table, nut_step, speed_loop, table_step,
-        _draw, _free_velocity, _place, _slot,
+        bearing_force, dry_friction, motor_torque, nut_against_a_held_table, nut_step, share_of_coupling, speed_loop,
+        table_step, _draw, _free_velocity, _place, _slot,
     ):  # fmt: skip
         register_jitable(called)
     return cast(Stepper, numba.njit(advance, nogil=True))

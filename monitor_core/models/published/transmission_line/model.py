@@ -93,8 +93,8 @@ def simulate_drive(
     or with a prescribed motor end on the screw; a clamped motor end takes none. A position says where the nut is at
     each step, instead of the position of the conditions. With ``control`` the motor follows the commanded ``speed``
     [rad/s] of that shape, and the torque acts besides, as a disturbance. ``OutsideValidityError`` if the arrays differ
-    in length or are not finite, the nut comes within a section of an end of the screw, or a motor that does not turn
-    freely is given what only such a one takes.
+    in length or are not finite, the nut comes within a section of an end of the screw, a speed is commanded without
+    ``control``, or a motor that does not turn freely is given what only such a one takes.
     """
     torque = _finite("torque", torque, np.shape(torque))
     force = _finite("force_at_table", np.zeros_like(torque) if force_at_table is None else force_at_table, torque.shape)
@@ -102,6 +102,8 @@ def simulate_drive(
         raise OutsideValidityError("a clamped motor takes no torque; give zeros, or another motor end")
     if control is not None and motor_end is not MotorEnd.FREE:
         raise OutsideValidityError(f"a speed loop drives a motor that turns freely; got {motor_end}")
+    if speed is not None and control is None:
+        raise OutsideValidityError("a commanded speed is followed by a speed loop; got a speed without control")
     commanded = _finite("speed", np.zeros_like(torque) if speed is None else speed, torque.shape)
     if position is None:
         position = np.full_like(torque, conditions.position)
