@@ -123,6 +123,24 @@ def test_a_peak_that_may_be_a_mode_or_a_reading_of_one_is_refused(extra):
         assign_modes(AXIS, [*TABLE, *(ModalObservation(DriveConditions(x), extra) for x in (0.6, 1.0))], drop=True)
 
 
+@pytest.mark.parametrize("mode", [7, 8, 9])
+def test_an_axial_mode_beyond_those_that_are_followed_is_not_dropped(mode):
+    # the finite elements' own, at three positions, where the six that are followed end below
+    own = [(x, Assembly(axis_of(AXIS, MotorEnd.FREE), 60, 96, x).modes(mode + 1)[0][mode]) for x in (0.6, 0.8, 1.0)]
+    beyond = [ModalObservation(DriveConditions(x), float(frequency)) for x, frequency in own]
+    with pytest.raises(NotIdentifiableError, match="must lie within 25% of a mode of the model"):
+        assign_modes(AXIS, [*TABLE, *beyond], drop=True)
+
+
+def test_a_list_of_which_no_peak_is_left_is_refused_with_its_reasons():
+    # between modes 4 and 5, each too far away, and both move
+    stays = [ModalObservation(DriveConditions(x), 900.0, frequency_uncertainty=0.5) for x in (0.6, 0.8)]
+    with pytest.raises(
+        NotIdentifiableError, match="no peak is left: the peak at 900 Hz at 600 mm is no axial mode: it"
+    ):
+        assign_modes(AXIS, stays, drop=True)
+
+
 def test_an_empty_list_is_refused():
     with pytest.raises(NotIdentifiableError, match="the table has none"):
         assign_modes(AXIS, [])

@@ -151,13 +151,16 @@ def assign_modes(
         modes = _without_companions(table, np.where(table.distance(modes) > limit, -1, modes))
         shift = np.where(np.isin(np.arange(n_modes), modes), shift, 0.0)
     kept = np.flatnonzero(modes >= 0)
+    dropped = tuple(_dropped(table, int(k), modes, shift, largest_shift) for k in np.flatnonzero(modes < 0))
+    if not kept.size:
+        raise NotIdentifiableError(f"no peak is left: {'; '.join(peak.sentence for peak in dropped)}")
     peaks = tuple(AssignedPeak(observations[int(k)], int(modes[k]) + 1) for k in kept)
     shown = sorted(set(modes[kept].tolist()))
     return ModeAssignment(
         peaks,
         _missing(tracks, condition[kept], modes[kept], shift),
         {mode + 1: float(shift[mode]) for mode in shown},
-        tuple(_dropped(table, int(k), modes, shift, largest_shift) for k in np.flatnonzero(modes < 0)),
+        dropped,
     )
 
 
@@ -229,11 +232,12 @@ def _dropped(table: _Table, k: int, modes: IndexArray, shift: FloatArray, larges
     here, limit = table.condition[k], math.log1p(largest_shift)
     away = table.measured[k] - np.log(table.tracks.frequency[here]) - shift
     below, above = np.flatnonzero(away >= 0.0), np.flatnonzero(away < 0.0)
-    beside = [int(side[np.abs(away[side]).argmin()]) for side in (below, above) if side.size]
+    if not (below.size and above.size):  # beyond the modes that are followed there may be another
+        raise NotIdentifiableError(_refusal(table, k, largest_shift))
+    beside = [int(side[np.abs(away[side]).argmin()]) for side in (below, above)]
     again = [peak for peak in np.flatnonzero(table.condition == here) if peak != k and table.alike(k, int(peak))]
-    # a mode that has its own peak, and is far away, is none of this one; beyond the last mode there may be another
+    # a mode that has its own peak, and is far away, is none of this one
     taken = set(modes[table.condition == here].tolist()) & set(np.flatnonzero(np.abs(away) > limit).tolist())
-    taken = taken if below.size and above.size else set()
     if again or any(mode not in taken and _moves_alike(table, k, mode, modes, limit) for mode in beside):
         raise NotIdentifiableError(_refusal(table, k, largest_shift))
     mode = min(beside, key=lambda mode: (mode in taken, float(abs(away[mode]))))
