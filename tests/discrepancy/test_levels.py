@@ -240,6 +240,22 @@ def test_neighbouring_lines_of_offset_grids_are_held_out_together(offset) -> Non
         assert np.max(near) < 0.1  # a line and the next are 8 % apart
 
 
+def test_two_lines_that_nearly_coincide_are_no_grid_to_go_on_with() -> None:
+    """A response reaches farther down than the longest, of which the first two lines are the same but for rounding."""
+    first, second = axes.settings()[:2]
+    longest = np.concatenate([[300.0, 300.02], np.arange(302.0, 360.0)])
+    lower = np.arange(260.0, 310.0)
+    observations = [
+        *axes.measured(axes.true_subject(), [first], lines=longest),
+        *axes.measured(axes.true_subject(), [second], lines=lower),
+    ]
+    plain = Hypothesis(axes.subject())
+    layout = judged_on_lines(fit(axes.compared(observations), plain, plain.null)).comparison.layout
+    out = layout.held_out[0][(layout.setting == layout.setting[-1]) & (layout.frequency < 300.0)][:40]  # one response
+    np.testing.assert_array_equal(out[12:], out[:-12])
+    assert np.mean(out[:36]) == pytest.approx(1.0 / 3.0)
+
+
 def test_values_by_lot_follow_no_variable_and_alike_ones_ask_for_none() -> None:
     rng = np.random.default_rng(2)
     by_lot = evidence_of_variables(asking_for(rng.uniform(-0.4, 0.4, 21)), SETTINGS, 1.0)

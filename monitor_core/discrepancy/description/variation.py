@@ -273,9 +273,9 @@ def _numbers_of_lines(layout: Layout) -> npt.NDArray[np.intp]:
     """
     series, frequency = series_of(layout), layout.frequency
     grid = np.unique(frequency[series == np.argmax(np.bincount(series))])
-    first, last = grid[1] - grid[0], grid[-1] - grid[-2]
-    below = np.arange(grid[0] - first, float(np.min(frequency)) - first, -first)[::-1]
-    above = np.arange(grid[-1] + last, float(np.max(frequency)) + last, last)
+    step = float(np.median(np.diff(grid)))  # two lines that are the same but for rounding are no step
+    below = np.arange(grid[0] - step, float(np.min(frequency)) - step, -step)[::-1]
+    above = np.arange(grid[-1] + step, float(np.max(frequency)) + step, step)
     grid = np.concatenate([below, grid, above])
     return np.searchsorted(0.5 * (grid[:-1] + grid[1:]), frequency)
 
