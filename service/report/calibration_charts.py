@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup
 
+from monitor_core.arrays import FloatArray
 from service.report.svg import (
     Axis,
     Frame,
@@ -39,6 +40,15 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
+class Region:
+    """Between which preloads one is read, over positions."""
+
+    preload_n: float
+    position_mm: Sequence[float]
+    interval_95_n: Sequence[tuple[float, float]]  # an open end is infinite
+
+
+@dataclass(frozen=True, slots=True)
 class Spot:
     """One setting or reading: where, what, and how it is drawn."""
 
@@ -54,14 +64,13 @@ def expected_chart(curve: Curve, size: Frame, title: str, write: Callable[[str],
     x, y = _places(curve.position_mm, size), axis_over(np.array([low, high]), size.bottom, size.top)
     places = x(np.asarray(curve.position_mm))
     upper, lower = (y(np.asarray(values)) for values in (curve.upper_hz, curve.lower_hz))
-    outline = path_through(np.append(places, places[::-1]), np.append(upper, lower[::-1])) + "Z"
     frame = [
         element("line", x1=size.left, y1=float(y(edge)), x2=size.right, y2=float(y(edge)), class_="through")
         for edge in (low, high)
     ]
     return image(
         size.width, size.height, title, _frame(x, y, size, write, "Hz"),
-        element("path", d=outline, class_="band"), *frame,
+        _band(places, lower, upper), *frame,
         element("path", d=path_through(places, y(np.asarray(curve.frequency_hz))), class_="curve"),
     )  # fmt: skip
 
@@ -84,6 +93,25 @@ def residual_chart(spots: Sequence[Spot], size: Frame, title: str, write: Callab
     zero = element("line", x1=size.left, y1=float(y(0.0)), x2=size.right, y2=float(y(0.0)), class_="level")
     marks = [_spot(spot, float(x(spot.position_mm)), float(y(spot.value)), 5.0) for spot in spots]
     return image(size.width, size.height, title, _frame(x, y, size, write, "Hz"), zero, *marks)
+
+
+def region_chart(regions: Sequence[Region], size: Frame, title: str, write: Callable[[str], str]) -> Markup:
+    """Draw the regions of preload levels over the travel; none reaches above twice the highest level."""
+    x = _places(regions[0].position_mm, size)
+    ends = np.minimum([region.interval_95_n for region in regions], 2.0 * max(region.preload_n for region in regions))
+    y = axis_over(np.append(ends, 0.0), size.bottom, size.top)
+    places = x(np.asarray(regions[0].position_mm))
+    bands = [_band(places, *y(of_level).T) for of_level in ends]
+    lines = [
+        element("line", x1=size.left, y1=at, x2=size.right, y2=at, class_="level")
+        for at in (float(y(region.preload_n)) for region in regions)
+    ]
+    return image(size.width, size.height, title, _frame(x, y, size, write, "N"), *bands, *lines)
+
+
+def _band(x: FloatArray, lower: FloatArray, upper: FloatArray) -> Markup:
+    outline = path_through(np.append(x, x[::-1]), np.append(upper, lower[::-1])) + "Z"
+    return element("path", d=outline, class_="band")
 
 
 def _places(positions: Sequence[float], size: Frame) -> Axis:

@@ -2,13 +2,19 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated, Final
 
+import numpy as np
 from fastapi import APIRouter, Form, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.errors import MonitorCoreError
+from monitor_core.preload import Calibration, axial_frequency, estimate_preload
+from monitor_core.recording import Conditions, Rejection
+from monitor_core.recordings.calibration_file import calibration_from_document
 from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.uncertainty import Estimate
 from service.api.access import needs
 from service.api.calibrating import CalibrationPlanOut
 from service.api.jobs import JobOut
@@ -26,8 +32,10 @@ from service.report.calibration_charts import (
     NARROW,
     WIDE,
     Curve,
+    Region,
     Spot,
     expected_chart,
+    region_chart,
     residual_chart,
     settings_chart,
 )
@@ -41,6 +49,8 @@ router = APIRouter(include_in_schema=False)
 
 #: Measurements of the table, the newest first; the picture shows all that the plan rests on.
 _LISTED: Final = 20
+#: Preload levels whose regions are drawn, and places of each.
+_LEVELS, _PLACES = 3, 9
 
 
 class PlanForm(BaseModel):
@@ -167,6 +177,7 @@ def calibration_page(
     rival = None if against is None else on.calibrations.get(axis, against)[0]
     readings, row = on.calibration_jobs.readings_of(axis, calibration), on.axes.get(axis)
     document = Document.model_validate(chosen.document)
+    regions = preload_regions(calibration_from_document(chosen.document))
     return page.show(
         "calibration.html",
         axis=row,
@@ -180,6 +191,9 @@ def calibration_page(
         others=[row for row in overview.calibrations if row.id != calibration],
         readings=readings,
         charts=residual_charts(page.words, readings),
+        regions=regions,
+        region_charts=region_charts(page.words, regions),
+        regions_apart=all(are_apart(*levels) for levels in pairwise(regions)),
         can_rejudge=row.last_measurement_id is not None,
     )
 
@@ -288,6 +302,43 @@ def residual_charts(words: Words, readings: Sequence[FittedReading]) -> Charts |
     ]
     title = words(N_("What is left of each reading about the fit, over the position"))
     return twice(words, lambda size, write: residual_chart(spots, size, title, write), WIDE, NARROW)
+
+
+def preload_regions(calibration: Calibration) -> list[Region]:
+    """Return where one measurement reads each of three levels; none if the calibration holds at one preload alone.
+
+    Fig. 8 of Nguyen et al. (2018), by the 95 % interval of a measurement where the paper has that of a mean. The levels
+    span the calibrated preloads, under the payload and temperature of the calibration.
+    """
+    reference = (calibration.reference_payload, calibration.reference_temperature)
+    travel = np.linspace(calibration.position.lower, calibration.position.upper, _PLACES).tolist()
+
+    def read(position: float, preload: float) -> tuple[float, float]:
+        frequency = Estimate(axial_frequency(position, preload, calibration.coefficients), 0.0)
+        told = estimate_preload(frequency, Conditions(position, *reference), calibration)
+        if isinstance(told, Rejection):
+            raise AssertionError(f"a calibration answers where it holds; got {told.detail}")
+        return told.interval.lower, told.interval.upper
+
+    levels = np.unique(np.linspace(calibration.preload.lower, calibration.preload.upper, _LEVELS)).tolist()
+    return [
+        Region(level, [to_millimetres(x) for x in travel], [read(x, level) for x in travel])
+        for level in levels
+        if len(levels) > 1
+    ]
+
+
+def are_apart(lower: Region, higher: Region) -> bool:
+    """Return whether two regions overlap nowhere."""
+    return all(a[1] < b[0] for a, b in zip(lower.interval_95_n, higher.interval_95_n, strict=True))
+
+
+def region_charts(words: Words, regions: Sequence[Region]) -> Charts | None:
+    """Draw regions over the position; None if there are none."""
+    if not regions:
+        return None
+    title = words(N_("Between which preloads each of three levels is read, over the position"))
+    return twice(words, lambda size, write: region_chart(regions, size, title, write), WIDE, NARROW)
 
 
 def _words_of(words: Words, kind: str) -> str:
