@@ -202,7 +202,7 @@ def get_torque(
         quantity=quantity,
         state=standing.state,
         since=standing.since,
-        sentence=in_english(standing.sentence) if readings else "",
+        sentence=in_english(standing.sentence),
         watched_at_mm=standing.place_mm,
         baseline=standing.baseline,
         prediction_interval_95=standing.baseline_interval_95,
@@ -210,3 +210,9 @@ def get_torque(
         points=[TorquePointOut.model_validate(reading) for reading in readings],
         next_cursor=readings[-1].at if len(readings) == query.limit else None,
     )
+
+
+@router.post("/axes/{axis}/torque/{quantity}/found-in-order", dependencies=[needs(Scope.ALARMS_ACK)], status_code=204)
+def find_in_order(axis: AxisId, quantity: TorqueQuantity, services: ServicesOf) -> None:
+    """Say that the axis was looked at and found in order: the level of this quantity is learnt anew."""
+    services.readings.find_in_order(axis, quantity)

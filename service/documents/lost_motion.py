@@ -63,7 +63,7 @@ class ReadingStanding:
     quantity: str
     state: str
     since: datetime | None
-    newest: ChartedReading | None
+    newest: ChartedReading | None  # of those that are compared
     baseline: float | None
     baseline_interval_95: tuple[float, float] | None  # of one more healthy session
     n_sessions: int  # that the baseline is learnt from so far
@@ -76,6 +76,8 @@ class ReadingStanding:
     @property
     def sentence(self) -> Said:
         """How it stands, in words."""
+        if self.newest is None and self.quantity != LOST_MOTION:
+            return Said("It was not measured: nothing is known of it.")
         if self.newest is None:
             return Said("Lost motion was not measured: nothing is known of it.")
         return self._of_lost_motion(self.newest) if self.quantity == LOST_MOTION else self._of_torque(self.newest)

@@ -13,7 +13,7 @@ from service.errors import InvalidRequestError, UnknownResourceError
 from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RequestModel
 from service.operations.monitoring import maintenance
-from service.operations.monitoring.lost_motion import LostMotionIn
+from service.operations.monitoring.lost_motion import LostMotionIn, TorqueQuantity
 from service.operations.monitoring.maintenance import MaintenanceIn, Work
 from service.store.tables import MaintenanceRow
 from service.web.forms import MomentText, moment_of, number_of
@@ -118,6 +118,13 @@ def enter_lost_motion(axis: AxisId, form: Annotated[LostMotionForm, Form()], on:
     }
     on.readings.take(axis, [LostMotionIn.model_validate(reading)])
     return done(f"/axes/{axis}", "lost-motion-entered")
+
+
+@router.post("/axes/{axis}/torque/{quantity}/found-in-order", dependencies=[needs(Scope.ALARMS_ACK)])
+def find_in_order(axis: AxisId, quantity: TorqueQuantity, on: ServicesOf) -> Response:
+    """Learn the level of a quantity anew, and go back to the axis."""
+    on.readings.find_in_order(axis, quantity)
+    return done(f"/axes/{axis}", "learnt-anew")
 
 
 @router.post("/axes/{axis}/archive", dependencies=[needs(Scope.CALIBRATIONS_WRITE)])

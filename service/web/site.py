@@ -56,6 +56,7 @@ DONE: Final = {
     "cleared": N_("The alarm is cleared: a new baseline is learnt from here on."),
     "removed": N_("The files are removed; the windows that were taken from them stay."),
     "lost-motion-entered": N_("The lost motion is entered."),
+    "learnt-anew": N_("Its level is learnt anew."),
     "registered": N_("Registered. Now import a recording of it."),
     "import-begun": N_("Its windows are being taken."),
     "fit-begun": N_("The fit has begun."),

@@ -12,6 +12,7 @@ import pytest
 from tests.conftest import PROJECT_ROOT
 from tests.preload.test_torque_windows import write_log
 from tests.service.conftest import START, Api, assert_problem
+from tests.service.test_page_forms import sent as sent_form
 
 HEALTHY = 24
 
@@ -75,6 +76,52 @@ def test_a_new_nut_begins_the_charts_anew(shared_api: Api) -> None:
     send(shared_api, "nut", [reading(rng, 12, "drag-torque", 1.2)])
     now = told(shared_api, "nut", "drag-torque")
     assert (now["state"], now["baseline"]) == ("learning", None)
+
+
+def test_a_reading_from_elsewhere_is_not_said_to_be_as_learnt(shared_api: Api) -> None:
+    """The sentence tells the newest that was compared, on a page without readings too."""
+    shared_api.register("elsewhere")
+    rng = np.random.default_rng(4)
+    assert told(shared_api, "elsewhere", "drag-torque")["sentence"] == "It was not measured: nothing is known of it."
+    sent = [reading(rng, day, "drag-torque", 0.8) for day in range(20)]
+    send(shared_api, "elsewhere", [*sent, reading(rng, 20, "drag-torque", 0.1, position_mm=400.0)])
+    now = told(shared_api, "elsewhere", "drag-torque")
+    assert (now["points"][-1]["uncharted"], now["state"]) == ("other-place", "normal")
+    assert f"{sent[-1]['value']:.3g} N·m" in now["sentence"]
+    later = {"from": (START + timedelta(days=400)).isoformat()}
+    empty = shared_api.http.get("/v1/axes/elsewhere/torque/drag-torque", params=later).json()
+    assert (empty["points"], empty["sentence"]) == ([], now["sentence"])
+
+
+def lubricated(api: Api, axis: str, at: datetime) -> None:
+    entry = {"at": at.isoformat(), "who": "Anna", "kind": "lubricated"}
+    api.http.post(f"/v1/axes/{axis}/maintenance", json=entry).raise_for_status()
+
+
+def found_in_order(api: Api, axis: str, _: datetime) -> None:
+    api.http.post(f"/v1/axes/{axis}/torque/drag-torque/found-in-order").raise_for_status()
+
+
+def found_in_order_on_the_page(api: Api, axis: str, _: datetime) -> None:
+    (address,) = re.findall(r'action="([^"]*/found-in-order)"', api.http.get(f"/axes/{axis}").text)
+    assert sent_form(api, address) == f"/axes/{axis}?done=learnt-anew"
+
+
+@pytest.mark.parametrize("look", [lubricated, found_in_order, found_in_order_on_the_page])
+def test_an_alarm_of_torque_ends_with_grease_or_a_look(shared_api: Api, look: Callable[..., None]) -> None:
+    """A fall that came once is an alarm; with the new level learnt the chart watches that."""
+    axis, rng = look.__name__.replace("_", "-"), np.random.default_rng(5)
+    shared_api.register(axis)
+    sent = [reading(rng, day, "drag-torque", 0.8 if day < HEALTHY else 0.6) for day in range(HEALTHY + 8)]
+    send(shared_api, axis, sent)
+    assert told(shared_api, axis, "drag-torque")["state"] == "alarm"
+    look(shared_api, axis, START + timedelta(days=HEALTHY + 7.5))
+    now = told(shared_api, axis, "drag-torque")
+    assert (now["state"], now["baseline"]) == ("unknown", None)
+    send(shared_api, axis, [reading(rng, HEALTHY + 8 + day, "drag-torque", 0.6) for day in range(20)])
+    now = told(shared_api, axis, "drag-torque")
+    assert (now["state"], now["baseline"]) == ("normal", pytest.approx(0.6, rel=0.03))
+    assert [point["state"] for point in now["points"]].count("alarm") > 0
 
 
 def test_what_is_wrong_is_refused_whole(shared_api: Api) -> None:

@@ -189,6 +189,18 @@ class Readings:
                 n_new += len(new)
         return Taken(n_new, len(sent) - n_new)
 
+    def find_in_order(self, axis_id: str, quantity: TorqueQuantity) -> None:
+        """Learn the level of a quantity anew: somebody looked at the axis, as where an alarm is cleared.
+
+        Raises ConflictError if the quantity was never measured.
+        """
+        with self._database.write(axis_id) as session:
+            axis = intake.read_axis(session.connection(), axis_id)
+            newest = newest_reading(session.connection(), axis.number, quantity)
+            if newest is None:
+                raise ConflictError(f"{quantity} of axis '{axis_id}' was never measured: nothing is learnt anew")
+            _begin_after(session.connection(), axis, newest)
+
     def page(
         self, axis_id: str, span: Span, *, after: datetime | None, limit: int, quantity: str = LOST_MOTION
     ) -> list[ChartedReading]:
@@ -208,9 +220,12 @@ class Readings:
             row, connection = get_axis(session, axis_id), session.connection()
             chart = read_chart(connection, row.number, quantity)
             newest = newest_readings(connection, row.number, quantity).get(row.number)
+            compared = None if newest is None else newest[0]
+            if newest is not None and newest[0].uncharted is not None and newest[1] is not None:
+                (compared,) = readings_at(connection, row.number, quantity, [newest[1]])
             beginnings = _Beginnings.of(connection, row, quantity)
         settings, configured = load_design(row.detector_design).settings, load_configuration(row.configuration)
-        shown = lost_motion_now(newest, max(beginnings.renewals, default=None), configured.silent_after_hours)
+        shown = lost_motion_now(newest, max(beginnings.moments, default=None), configured.silent_after_hours)
         detector = DetectorState()
         if chart is not None and newest is not None:
             detector, _ = beginnings.begun(load_state(chart.state).detector, newest[0].at, None)
@@ -221,7 +236,7 @@ class Readings:
             quantity=quantity,
             state=state,
             since=detector.since if state == detector.status else detector.last_at,
-            newest=None if newest is None else newest[0],
+            newest=compared,
             baseline=None if baseline is None else sign * baseline.mean,
             baseline_interval_95=None if ends is None else (ends[0], ends[1]),
             n_sessions=len(detector.learning) + (detector.session is not None) if baseline is None else baseline.size,
@@ -238,8 +253,8 @@ def lost_motion_now(
 ) -> LostMotionNow | None:
     """Return the newest lost motion of an axis with the state that its chart has now, without reading the chart.
 
-    ``newest``: the last reading, and when the last was taken that moved the chart. ``renewed_at``: when the axis got
-    its newest nut or screw. None: it was never measured.
+    ``newest``: the last reading, and when the last was taken that moved the chart. ``renewed_at``: when the chart began
+    anew for the last time, as with another nut or screw. None: it was never measured.
     """
     if newest is None:
         return None
@@ -261,8 +276,12 @@ def learn_anew(connection: Connection, axis_id: str, epoch: int) -> None:
     newest = newest_reading(connection, axis.number, LOST_MOTION)
     if newest is None or epoch != bisect_right(_Beginnings.of(connection, axis, LOST_MOTION).moments, newest.at):
         return
+    _begin_after(connection, axis, newest)
+
+
+def _begin_after(connection: Connection, axis: AxisRecord, newest: ChartedReading) -> None:
     save_readings(connection, axis.number, [replace(newest, found_in_order=True)])
-    _chart(connection, axis, LOST_MOTION, None)
+    _chart(connection, axis, newest.quantity, None)
 
 
 def chart_again(connection: Connection, axis_id: str) -> None:
@@ -317,17 +336,23 @@ def _in_time(reading: ChartedReading) -> datetime:
 
 @dataclass(frozen=True, slots=True)
 class _Beginnings:
-    """Where the chart begins anew: with another nut or screw, or after a reading that somebody found in order."""
+    """Where the chart begins anew: with another nut or screw, or after a reading that somebody found in order.
+
+    Torque begins anew with fresh grease, too: it is friction, or what friction passes on.
+    """
 
     renewals: frozenset[datetime]
-    moments: tuple[datetime, ...]  # of both, in order of time
+    moments: tuple[datetime, ...]  # of all, in order of time
     lubricated: tuple[datetime, ...]
 
     @classmethod
     def of(cls, connection: Connection, axis: AxisRecord | AxisRow, quantity: str) -> "_Beginnings":
         renewals = frozenset(renewals_of(connection, axis.id))
         inspected = {at + _NEXT for at in moments_in_order(connection, axis.number, quantity)}
-        return cls(renewals, tuple(sorted(renewals | inspected)), tuple(lubrications_of(connection, axis.id)))
+        lubricated = lubrications_of(connection, axis.id)
+        if quantity == LOST_MOTION:
+            return cls(renewals, tuple(sorted(renewals | inspected)), tuple(lubricated))
+        return cls(renewals, tuple(sorted(renewals | inspected | {*lubricated})), ())
 
     def begun(self, state: DetectorState, after: datetime, until: datetime | None) -> tuple[DetectorState, bool]:
         """Return the chart as it begins after a reading, until the next one, and whether it watches another axis."""
