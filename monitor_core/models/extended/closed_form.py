@@ -179,12 +179,14 @@ def stack_of(second: SecondAxis, physics: AxisPhysics, omega: NumberArray, state
     axis, line = second.physics, np.zeros(np.shape(omega), dtype=np.intp)
     there = axis_states(axis, condition_arrays([DriveConditions(second.position)])).at(line)
     ends = end_masks([MotorEnd.FREE]).at(line)
-    parts = entire_parts(axis, omega, there, ends)
     if second.carried:
+        there = replace(there, moving_mass=there.moving_mass + states.payload_mass)
+        parts = entire_parts(axis, omega, there, ends)
         body = sliding_body(second, omega, _table(physics, omega, states), _moments(second, axis, there))
         axial, axial_yield = _screw(_Drive(axis, there), omega, _NOTHING, None)
         free = replace(parts, axial=axial, axial_yield=axial_yield)
         return Stack(second, there, ends, parts, body, characteristic(free), characteristic(parts))
+    parts = entire_parts(axis, omega, there, ends)
     body = sliding_body(second, omega, parts.carried.table, _moments(second, physics, states))
     drive = parts.nut * parts.axial * parts.torsion
     yields = parts.axial_yield * parts.torsion + parts.turning * parts.axial
@@ -219,7 +221,12 @@ def second_table_per_force(physics: AxisPhysics, omega: NumberArray, states: Axi
     here = receptances_of(path_of(entire_parts(physics, omega, states, ends)))
     rods = _rods(_Drive(stack.second.physics, stack.states), omega, None)
     through = rods.near_bearing * rods.far_end + rods.far_bearing * rods.far.scale * rods.near_end  # base to nut
-    follows: NumberArray = stack.body.across * through * stack.parts.nut * stack.parts.torsion / stack.table[1]
+    # what yields or hangs on the upper axis without passing motion on: the poles by which its parts are multiplied out
+    upper, carried = stack.second.physics, stack.parts.carried
+    poles = _base_stiffness(upper.added, omega) * carried.table_pole * carried.nut_pole
+    if acts(upper.bending.compliance):
+        poles = poles * _bending(_Drive(upper, stack.states), omega)[0]
+    follows: NumberArray = stack.body.across * through * stack.parts.nut * stack.parts.torsion * poles / stack.table[1]
     return here.table_per_force * follows
 
 
@@ -291,8 +298,7 @@ def _axial(drive: _Drive, omega: NumberArray, under: _Base, memory: Memory | Non
     stiffness = near_nut * far_end + near_end * (far_nut - segment * far_end)
     held, gives = under
     if acts(added.base_compliance):
-        ratio = omega / (2.0 * np.pi * added.base_frequency)
-        own = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
+        own = _base_stiffness(added, omega)
         held, gives = own * held, own * gives + added.base_compliance * held
     if not acts(gives):
         return stiffness, near_end * far_end
@@ -301,6 +307,15 @@ def _axial(drive: _Drive, omega: NumberArray, under: _Base, memory: Memory | Non
     both = near_nut * far_base + far_nut * near_base - 2.0 * near_bearing * far_bearing * far.scale - segment * on_base
     both = both - near_bearing * near.z_sine * far_end - far_bearing * far.z_sine * near_end
     return stiffness * held + gives * both, near_end * far_end * held + gives * on_base
+
+
+def _base_stiffness(added: AddedPhysics, omega: NumberArray) -> NumberArray | float:
+    """Return the dynamic stiffness of the base over the static one, 1 where it does not yield."""
+    if not acts(added.base_compliance):
+        return 1.0
+    ratio = omega / (2.0 * np.pi * added.base_frequency)
+    own: NumberArray = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
+    return own
 
 
 def _with_load_at_end(added: AddedPhysics, far: RodWaves[Any], omega: NumberArray) -> _FarRod:

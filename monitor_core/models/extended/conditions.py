@@ -41,14 +41,16 @@ class AxisStates:
     """What follows from the physics of the axis; of shape (n_conditions,), or (n_lines,) after :meth:`at`."""
 
     position: FloatArray  # of the table from the fixed bearing [m]
-    moving_mass: FloatArray  # of table, nut, payload and what of the screw moves with them [kg]
+    moving_mass: FloatArray  # of table, nut, payload on it and what of the screw moves with them [kg]
+    payload_mass: FloatArray  # on the table of a second axis that this one carries; else 0, it is on this one's [kg]
     nut_stiffness: FloatArray  # rigidity under the preload, at the reference temperature [N/m]
     softening: FloatArray  # springs and screw over what they are at the reference temperature; () where 1 [-]
 
     def at(self, index: npt.NDArray[np.intp]) -> "AxisStates":
         """Return the states repeated for lines that belong to the conditions of this index."""
         softening = self.softening[index] if self.softening.ndim else self.softening
-        return AxisStates(self.position[index], self.moving_mass[index], self.nut_stiffness[index], softening)
+        masses = self.moving_mass[index], self.payload_mass[index]
+        return AxisStates(self.position[index], *masses, self.nut_stiffness[index], softening)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +104,9 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
         )
     with_table = (1.0 - screw.axial_mass_share) * screw.mass_per_length * screw.length
     payload = conditions.payload_mass + np.where(conditions.payload_mass > 0.0, added.payload_error, 0.0)
+    above = np.zeros_like(payload)
+    if physics.second is not None and physics.second.carried:
+        payload, above = above, payload
     moving_mass = bodies.table_mass + bodies.nut_mass + with_table + added.table_mass + payload
     if not np.all(moving_mass > 0.0):
         raise OutsideValidityError(f"the moving mass must be positive; got {np.min(moving_mass):g} kg")
@@ -116,7 +121,7 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
         raise OutsideValidityError(
             f"springs must keep some stiffness at every temperature; got {np.min(softening):g} times the stated one"
         )
-    return AxisStates(position, moving_mass, nut_rigidities(physics, conditions), softening)
+    return AxisStates(position, moving_mass, above, nut_rigidities(physics, conditions), softening)
 
 
 def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatArray:

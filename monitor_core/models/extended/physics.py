@@ -203,8 +203,9 @@ class SecondAxis:
     """The other axis of two that are stacked, its motor free to turn: it stands on this one's table, or this on its.
 
     The table of the lower one slides on its guides and, where they yield, yaws about their centre: the table of the
-    upper one, which it carries along and across, is then the farther out the farther it is driven. Lateral offsets of
-    screws count to the left of their directions, that of the upper one being to the left of the lower one's.
+    upper one, which it carries along and across, is then the farther out the farther it is driven. A payload is on the
+    upper table, whichever axis is described. Lateral offsets of screws count to the left of their directions, that of
+    the upper one being to the left of the lower one's.
     """
 
     physics: "AxisPhysics"
