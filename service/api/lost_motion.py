@@ -114,7 +114,8 @@ class TorquePointOut(AnswerModel):
     n_repeats: int
     temperature_c: float | None
     state: Annotated[str, Field(description="of the chart of this quantity, after it")]
-    uncharted: Literal["other-place"] | None
+    uncharted: Literal["other-place", "other-speed"] | None
+    speed_mm_per_s: float
 
 
 class TorqueOut(BaseModel):
@@ -126,6 +127,7 @@ class TorqueOut(BaseModel):
     since: datetime | None
     sentence: str
     watched_at_mm: float | None
+    watched_at_mm_per_s: float | None
     baseline: Annotated[float | None, Field(description="null while it is learnt")]
     prediction_interval_95: Annotated[
         tuple[float, float] | None, Field(description="in which one more healthy session is expected")
@@ -204,6 +206,7 @@ def get_torque(
         since=standing.since,
         sentence=in_english(standing.sentence),
         watched_at_mm=standing.place_mm,
+        watched_at_mm_per_s=standing.speed_mm_per_s,
         baseline=standing.baseline,
         prediction_interval_95=standing.baseline_interval_95,
         false_alarms_per_year=standing.false_alarms_per_year,

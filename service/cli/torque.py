@@ -134,7 +134,8 @@ class _Measured:
         stated: JsonObject = {
             "at": text_of(self.first.started_at),
             "measurement": self.name,
-            "position_mm": to_millimetres(self.first.conditions.position),
+            "position_mm": to_millimetres(float(profile.position[0] + profile.position[-1]) / 2.0),
+            "speed_mm_per_s": to_millimetres(profile.speed),
             "unit": self.outcome.unit,
             "temperature_c": self.first.conditions.temperature,
         }

@@ -7,7 +7,7 @@ from monitor_core.trend import DetectorState, Evidence, latest_difference
 from service.documents.measurement import AlarmEvidence, chart_in_english, evidence_document
 from service.documents.said import N_, Said, Value
 from service.json_types import JsonObject
-from service.store.trend.lost_motion import LOST_MOTION, ChartedReading
+from service.store.trend.lost_motion import LOST_MOTION, SIGNS, ChartedReading
 
 _CHECK_NEXT = "measure again, slowly and at the same place; check nut, screw, bearings and their mounting for play"
 
@@ -70,6 +70,7 @@ class ReadingStanding:
     baseline_size: int  # sessions that it takes
     false_alarms_per_year: float  # as stated, beside those of the preload
     place_mm: float | None  # where it is watched
+    speed_mm_per_s: float | None  # at which torque is
     alarm: Evidence | None = None
     alert: Evidence | None = None
 
@@ -117,17 +118,36 @@ class ReadingStanding:
 
     def _of_torque(self, newest: ChartedReading) -> Said:
         values: dict[str, Value] = {"value": newest.value, "unit": newest.unit, "day": newest.at}
+        if self.baseline is not None:
+            values["baseline"] = self.baseline
         if self.state == "learning":
             text = N_("%(value)s %(unit)s. The baseline is being learnt, %(n)s of %(size)s sessions.")
             return Said(text, values | {"n": self.n_sessions, "size": self.baseline_size})
-        seen = self.alarm if self.state == "alarm" else self.alert if self.state == "alert" else None
-        if seen is not None:
-            text = N_("It has changed since %(day)s: it is %(value)s %(unit)s now.")
-            return Said(text, values | {"day": seen.onset})
+        if self.alarm is not None and self.state == "alarm":
+            rises = SIGNS[self.quantity] > 0.0
+            text = N_("It falls while its baseline is being learnt, since %(day)s: it is %(value)s %(unit)s now.")
+            if rises:
+                text = N_("It rises while its baseline is being learnt, since %(day)s: it is %(value)s %(unit)s now.")
+            if self.baseline is not None:
+                text = N_(
+                    "It has fallen since %(day)s: it is %(value)s %(unit)s now, the baseline is %(baseline)s %(unit)s."
+                )
+            if self.baseline is not None and rises:
+                text = N_(
+                    "It has risen since %(day)s: it is %(value)s %(unit)s now, the baseline is %(baseline)s %(unit)s."
+                )
+            return Said(text, values | {"day": self.alarm.onset})
+        if self.alert is not None and self.state == "alert":
+            change = SIGNS[self.quantity] * self.alert.change.value
+            text = N_("Since %(day)s it is %(change)s %(unit)s below its baseline on average.")
+            if change > 0.0:
+                text = N_("Since %(day)s it is %(change)s %(unit)s above its baseline on average.")
+            return Said(text, {"day": self.alert.onset, "change": abs(change), "unit": newest.unit})
         if self.state == "unknown":
             text = N_("Nothing is known of it now: it was last measured on %(day)s, %(value)s %(unit)s.")
             return Said(text, values)
-        return Said(N_("It is as it was learnt: %(value)s %(unit)s."), values)
+        text = N_("It is as it was learnt: %(value)s %(unit)s, the baseline is %(baseline)s %(unit)s.")
+        return Said(text, values)
 
 
 def lost_motion_alarm_sentence(evidence: AlarmEvidence, axis: str) -> Said:

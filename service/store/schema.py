@@ -110,6 +110,7 @@ def _keep_quantities(connection: Connection) -> None:
                 kind = of.c[name].type.compile(connection.dialect)
                 added = f"ADD COLUMN {name} {kind} NOT NULL DEFAULT '{of_lost_motion}'"
                 connection.execute(text(f"ALTER TABLE {of.name} {added}"))
+        connection.execute(text(f"ALTER TABLE {of.name} ADD COLUMN speed_mm_per_s FLOAT"))
         if connection.dialect.name == "postgresql":
             keys = ", ".join(column.name for column in of.primary_key)
             key = f"CONSTRAINT pk_{of.name}"

@@ -166,6 +166,7 @@ def reading_charts(
     band, title = None, words(CALLED["quantity"][standing.quantity])
     if standing.baseline is not None and standing.baseline_interval_95 is not None:
         band = Band(standing.baseline, *standing.baseline_interval_95, words(N_("baseline")))
+    readings = [reading for reading in readings if reading.unit == readings[-1].unit]  # another nut may have another
     within = [reading for reading in readings if shown.start <= reading.at < shown.end]
 
     def draw(frame: Frame, write: Callable[[str], str]) -> Markup:

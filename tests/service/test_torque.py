@@ -21,6 +21,7 @@ def reading(rng: np.random.Generator, day: float, quantity: str, level: float, *
     value = level * rng.normal(1.0, 0.02)
     return {
         "at": (START + timedelta(days=day)).isoformat(), "measurement": f"day-{day:g}", "position_mm": 150.0,
+        "speed_mm_per_s": 100.0,
         "quantity": quantity, "value": value, "unit": "N·m", "standard_uncertainty": 0.005 * level,
         "interval_95": [value - 0.01 * level, value + 0.01 * level], "n_repeats": 4,
     } | stated  # fmt: skip
@@ -53,7 +54,10 @@ def test_each_quantity_is_charted_against_its_own_past(shared_api: Api) -> None:
     assert drag["baseline"] == pytest.approx(0.8, rel=0.02)
     low, high = drag["prediction_interval_95"]
     assert low < 0.8 < high
-    (since,) = re.findall(r"It has changed since (.*): it is 0\.5\d* N·m now\.", drag["sentence"])
+    baseline = re.escape(f"{drag['baseline']:.3g}")
+    sentence = rf"It has fallen since (.*): it is 0\.5\d* N·m now, the baseline is {baseline} N·m\."
+    (since,) = re.findall(sentence, drag["sentence"])
+    assert re.match(r"It has risen since .* N·m now, the baseline is", balls["sentence"])
     assert abs(datetime.fromisoformat(since).replace(tzinfo=UTC) - START - timedelta(days=HEALTHY)) < timedelta(days=6)
     assert screw["sentence"].startswith("It is as it was learnt: 0.0")
     page = shared_api.http.get("/axes/mill").text
@@ -76,6 +80,8 @@ def test_a_new_nut_begins_the_charts_anew(shared_api: Api) -> None:
     send(shared_api, "nut", [reading(rng, 12, "drag-torque", 1.2)])
     now = told(shared_api, "nut", "drag-torque")
     assert (now["state"], now["baseline"]) == ("learning", None)
+    send(shared_api, "nut", [reading(rng, 11.7, "screw-order", 0.03), reading(rng, 11.2, "screw-order", 0.1, unit="A")])
+    assert 'aria-label="Drag torque over time"' in shared_api.http.get("/axes/nut").text
 
 
 def test_a_reading_from_elsewhere_is_not_said_to_be_as_learnt(shared_api: Api) -> None:
@@ -84,9 +90,13 @@ def test_a_reading_from_elsewhere_is_not_said_to_be_as_learnt(shared_api: Api) -
     rng = np.random.default_rng(4)
     assert told(shared_api, "elsewhere", "drag-torque")["sentence"] == "It was not measured: nothing is known of it."
     sent = [reading(rng, day, "drag-torque", 0.8) for day in range(20)]
-    send(shared_api, "elsewhere", [*sent, reading(rng, 20, "drag-torque", 0.1, position_mm=400.0)])
+    other = [
+        reading(rng, 20, "drag-torque", 0.1, position_mm=400.0), reading(rng, 21, "drag-torque", 0.1, speed_mm_per_s=89)
+    ]  # fmt: skip
+    send(shared_api, "elsewhere", [*sent, *other])
     now = told(shared_api, "elsewhere", "drag-torque")
-    assert (now["points"][-1]["uncharted"], now["state"]) == ("other-place", "normal")
+    assert [point["uncharted"] for point in now["points"][-3:]] == [None, "other-place", "other-speed"]
+    assert (now["state"], now["watched_at_mm"], now["watched_at_mm_per_s"]) == ("normal", 150.0, 100.0)
     assert f"{sent[-1]['value']:.3g} N·m" in now["sentence"]
     later = {"from": (START + timedelta(days=400)).isoformat()}
     empty = shared_api.http.get("/v1/axes/elsewhere/torque/drag-torque", params=later).json()
@@ -149,12 +159,13 @@ def test_a_log_is_read_and_sent_in_one_command(
     page = (PROJECT_ROOT / "docs/how-to/drive-signals.md").read_text(encoding="utf-8")
     write_log(tmp_path)
     (channels,) = re.findall(r'```toml title="strokes.toml"\n(.*?)```', page, re.DOTALL)
-    (tmp_path / "strokes.toml").write_text(channels, encoding="utf-8")
+    (tmp_path / "strokes.toml").write_text(channels.replace("position_mm = 150", "position_mm = 900"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     (command,) = re.findall(r"\$ \.venv/bin/preload (torque [^\n]*)", page)
     sending = (*command.split(), "--url", str(shared_api.http.base_url))
     assert "give both" in preload(*sending).err
     assert preload(*sending, "--axis", "mill-x").out.splitlines()[-1] == "sent to axis mill-x: 3 new, 0 already there"
     (point,) = told(shared_api, "mill-x", "ball-pass-order")["points"]
-    assert (point["unit"], point["position_mm"]) == ("N·m", 150.0)
+    assert (point["unit"], point["position_mm"]) == ("N·m", pytest.approx(150.0, abs=5.0))
+    assert point["speed_mm_per_s"] == pytest.approx(50.0, rel=0.05)
     assert point["interval_95"][0] < 0.012 < point["interval_95"][1]

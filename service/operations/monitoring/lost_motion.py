@@ -5,7 +5,7 @@ what arrives late folds the chart again from the first one, so that any order of
 """
 
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Annotated, Final, Literal
@@ -57,6 +57,9 @@ SAME_PLACE_MM: Final = 5.0
 SILENT_AFTER: Final = timedelta(days=31)
 #: Why a reading moves no chart.
 OTHER_PLACE: Final = "other-place"
+OTHER_SPEED: Final = "other-speed"
+#: Friction depends on the speed: what was measured at another one than the first is not compared, relative.
+SAME_SPEED: Final = 0.1
 _NEXT: Final = timedelta(microseconds=1)
 #: What changes alarms that were raised already.
 _LATE, _WORKED = "a reading that arrived late", "what was done to the axis"
@@ -119,6 +122,7 @@ class TorqueIn(RequestModel):
     at: Annotated[Moment, Field(description="when its log began; with axis and quantity it tells one from another")]
     measurement: Label
     position_mm: Annotated[Position, Field(description="middle of the strokes")]
+    speed_mm_per_s: Annotated[Number, Field(gt=0, le=1e5, description="of the strokes")]
     quantity: TorqueQuantity
     value: Amount
     unit: Literal["N·m", "N", "A"]
@@ -132,6 +136,7 @@ class TorqueIn(RequestModel):
         return ChartedReading(
             axis_number, self.quantity, self.at, self.measurement, self.position_mm, self.value,
             self.standard_uncertainty, *self.interval_95, self.unit, None, None, self.n_repeats, self.temperature_c,
+            speed_mm_per_s=self.speed_mm_per_s,
         )  # fmt: skip
 
     @model_validator(mode="after")
@@ -182,8 +187,6 @@ class Readings:
             for quantity, new in received.items():
                 for stored in readings_at(connection, axis.number, quantity, new.keys()):
                     _require_same(stored, new.pop(stored.at), axis_id)
-                stored_last = newest_reading(connection, axis.number, quantity)
-                _require_one_unit(quantity, (*new.values(), stored_last))
                 if new:
                     _chart(connection, axis, quantity, sorted(new.values(), key=_in_time))
                 n_new += len(new)
@@ -243,6 +246,7 @@ class Readings:
             baseline_size=settings.baseline_size,
             false_alarms_per_year=settings.false_alarms_per_year,
             place_mm=None if chart is None else chart.place_mm,
+            speed_mm_per_s=None if chart is None else chart.speed_mm_per_s,
             alarm=detector.alarm,
             alert=detector.alert,
         )
@@ -317,10 +321,21 @@ def _require_same(stored: ChartedReading, sent: ChartedReading, axis_id: str) ->
         raise ConflictError(f"another {_called(sent)} of axis '{axis_id}' at {text_of(sent.at)} is there already")
 
 
-def _require_one_unit(quantity: str, readings: Iterable[ChartedReading | None]) -> None:
-    units = sorted({reading.unit for reading in readings if reading is not None})
-    if len(units) > 1:
-        raise InvalidRequestError(f"{quantity} of an axis is charted in one unit; got {' and '.join(units)}")
+def _require_one_unit(before: ChartedReading, reading: ChartedReading) -> None:
+    """Raise InvalidRequestError if two readings between which nut and screw are the same differ in unit."""
+    if before.unit != reading.unit:
+        units = " and ".join(sorted((before.unit, reading.unit)))
+        raise InvalidRequestError(f"{reading.quantity} of an axis is charted in one unit; got {units}")
+
+
+def _uncharted(chart: ReadingChart, reading: ChartedReading) -> str | None:
+    """Return why a reading is not compared with what a chart watches."""
+    if chart.place_mm is not None and abs(reading.position_mm - chart.place_mm) > SAME_PLACE_MM:
+        return OTHER_PLACE
+    speed, watched = reading.speed_mm_per_s, chart.speed_mm_per_s
+    if speed is not None and watched is not None and abs(speed - watched) > SAME_SPEED * watched:
+        return OTHER_SPEED
+    return None
 
 
 def _called(reading: ChartedReading) -> str:
@@ -389,26 +404,31 @@ def _chart(
     stored, new = list[ChartedReading](), new or ()
     if again or chart is None:
         stored = readings_of(connection, axis.number, quantity, Span())
-        state, place, before, new = DetectorState(), None, None, sorted((*stored, *new), key=_in_time)
+        chart = ReadingChart(axis.number, quantity, {}, None)
+        state, before, new = DetectorState(), None, sorted((*stored, *new), key=_in_time)
     else:
-        state, place, before = load_state(chart.state).detector, chart.place_mm, newest
+        state, before = load_state(chart.state).detector, newest
     judged, raised = list[ChartedReading](), list[_Raised]()
     for reading in new:
         if before is not None:
             state, is_another = beginnings.begun(state, before.at, reading.at)
-            place = None if is_another else place
-        was, charted = state, place is None or abs(reading.position_mm - place) <= SAME_PLACE_MM
-        if charted:
-            place = reading.position_mm if place is None else place
+            if is_another:
+                chart = replace(chart, place_mm=None, speed_mm_per_s=None)
+            else:
+                _require_one_unit(before, reading)
+        was, uncharted = state, _uncharted(chart, reading)
+        if uncharted is None:
+            if chart.place_mm is None:
+                chart = replace(chart, place_mm=reading.position_mm, speed_mm_per_s=reading.speed_mm_per_s)
             lubricated = was_lubricated(beginnings.lubricated, None if before is None else before.at, reading.at)
             state = step(state, _observation(reading, lubricated=lubricated), design)
-        before = replace(reading, state=str(state.status), uncharted=None if charted else OTHER_PLACE)
+        before = replace(reading, state=str(state.status), uncharted=uncharted)
         judged.append(before)
         if settles and state.alarm is not None and was.alarm is None:
             epoch = bisect_right(beginnings.moments, reading.at)
             raised.append(_Raised(before, lost_motion_evidence(before, state), epoch))
     save_readings(connection, axis.number, {*judged}.difference(stored))
-    save_chart(connection, ReadingChart(axis.number, quantity, dump_state(AxisState(detector=state)), place))
+    save_chart(connection, replace(chart, state=dump_state(AxisState(detector=state))))
     intake.say_changed(connection, axis)
     if settles and (raised or again):
         _settle(connection, axis, raised, beginnings, again=again, because_of=because_of)

@@ -41,6 +41,7 @@ class ChartedReading:
     uncharted: str | None = None  # why it moved no chart
     state: str = "unknown"  # of the chart, after it
     found_in_order: bool = False  # after it somebody looked, and cleared the alarm: the level is learnt anew
+    speed_mm_per_s: float | None = None  # of the strokes; lost motion has none
 
     @property
     def interval_95(self) -> tuple[float, float]:
@@ -62,6 +63,7 @@ class ReadingChart:
     quantity: str
     state: JsonObject
     place_mm: float | None  # at which it watches
+    speed_mm_per_s: float | None = None
 
 
 READINGS = table_of(
