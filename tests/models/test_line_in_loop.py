@@ -68,7 +68,7 @@ def test_recorded_speed_and_torque_are_those_of_the_drive_up_to_the_filter():
     recorded = np.fft.rfft(motion.speed)[near] / np.fft.rfft(motion.motor_torque)[near]
     drive = DiscreteDrive(model.parameters, model.grid, HERE, MotorEnd.FREE)
     angle = response_at(drive, omega, ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ANGLE_AT_MOTOR)
-    np.testing.assert_allclose(recorded, omega * angle, rtol=3e-3)
+    np.testing.assert_allclose(recorded, omega * angle, rtol=2e-3)
 
 
 @pytest.mark.parametrize(
