@@ -208,12 +208,12 @@ class Surveys:
         """The rule by which waveforms are kept."""
         return self._rule
 
-    def newest(self) -> Survey:
-        """Return a survey that is not older than a minute, nor than the newest purge or pin."""
+    def newest(self, within_s: float = FRESH_S) -> Survey:
+        """Return a survey that is not older than so long, nor than the newest purge or pin."""
         with self._lock:
             with self._database.reading() as connection:
                 changes = retention.changes(connection)
-            if self._newest is None or time.monotonic() - self._newest[0] > FRESH_S or self._newest[1] != changes:
+            if self._newest is None or time.monotonic() - self._newest[0] > within_s or self._newest[1] != changes:
                 counted = survey(self._database, self._waveforms, self._rule, now())
                 self._newest = time.monotonic(), changes, counted
             return self._newest[2]

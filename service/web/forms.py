@@ -6,6 +6,7 @@ from typing import Annotated, Final, Literal
 from urllib.parse import urlencode
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
+from fastapi import Depends, Form
 from pydantic import BaseModel, Field
 
 from service.documents.said import N_
@@ -47,6 +48,15 @@ def moment_of(text: str, zone: str) -> datetime | None:
     if not EARLIEST <= moment < LATEST:
         raise InvalidRequestError(f"expected a moment from {EARLIEST:%Y} to {LATEST:%Y}; got {text}")
     return moment
+
+
+def _known(known: Annotated[bool, Form()] = False) -> None:
+    if not known:
+        raise InvalidRequestError(N_("expected a tick that says that it is known to be final; got none"))
+
+
+#: Of a route whose work cannot be undone: its form has a tick that says so.
+FINAL: Final = Depends(_known)
 
 
 def decimal_point(text: str) -> str:

@@ -23,7 +23,7 @@ from service.operations.access.scopes import Scope
 from service.operations.fields import AxisId, RowId
 from service.operations.recordings.recordings import ImportArguments, RecordingView
 from service.operations.recordings.upload import MOST_FILES
-from service.web.forms import moment_of, number_of
+from service.web.forms import FINAL, moment_of, number_of
 from service.web.site import Page, PageOf, done
 from service.web.words import CHOICES
 
@@ -184,7 +184,7 @@ def _upload_page(page: Page, axis: str, on: Services, *, refusal: str = "", stat
     )
 
 
-@router.post("/axes/{axis}/import/{recording}/remove", dependencies=[needs(Scope.ADMIN)])
+@router.post("/axes/{axis}/import/{recording}/remove", dependencies=[needs(Scope.ADMIN), FINAL])
 def remove(axis: AxisId, recording: RowId, on: ServicesOf) -> Response:
     """Remove the files of a recording; the windows that were taken from it stay."""
     on.recordings.remove(axis, recording)

@@ -79,6 +79,7 @@ def measurement_page(
     evidence = evidence_of(on.database, on.waveforms, axis, view)
     responses, ladder = evidence.responses(other), evidence.ladder()
     before, following = evidence.neighbours()
+    newest = on.trend.page(axis, Span(), cursor=None, limit=MOST_SHOWN + 1, newest_first=True)
     return page.show(
         "measurement.html",
         axis=on.axes.get(axis),
@@ -90,7 +91,7 @@ def measurement_page(
         rungs=[] if ladder is None else _rungs(ladder, measured.variance_shares),
         pictures=response_pictures(page.words, responses, measured.frequency_hz),
         beside=beside,
-        others=on.trend.at_resolution(axis, Span(), MOST_SHOWN).points[::-1],
+        others=[point for point in newest.points if point.measurement_id != measurement],
         windows=_windows(view),
         drawn=window_pictures(page.words, responses.windows),
         let_go=view.let_go,

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Form, Query, Request, Response
 from pydantic import Field
 
 from service.api.access import needs
@@ -10,9 +10,12 @@ from service.api.jobs import JobOut
 from service.api.retention import retention_out
 from service.api.services import ServicesOf
 from service.api.system import ReceiverOut, SystemOut
+from service.documents.said import N_
+from service.errors import ConflictError
 from service.operations.access.scopes import Scope
 from service.operations.fields import RequestModel
 from service.operations.system import system_status
+from service.web.forms import FINAL
 from service.web.site import PageOf, done
 
 router = APIRouter(include_in_schema=False)
@@ -44,9 +47,13 @@ def system_page(page: PageOf, query: Annotated[SystemQuery, Query()], request: R
     )
 
 
-@router.post("/system/purges", dependencies=[needs(Scope.ADMIN)])
-def purge(request: Request, on: ServicesOf) -> Response:
-    """Let go now what the rule does not keep, and lead to the job; the page says before how much that is."""
+@router.post("/system/purges", dependencies=[needs(Scope.ADMIN), FINAL])
+def purge(windows: Annotated[int, Form(ge=0, lt=2**63)], request: Request, on: ServicesOf) -> Response:
+    """Let go now what the rule does not keep, and lead to the job; refused if it is not as much as the page said."""
+    found = on.surveys.newest(within_s=0.0).to_let_go.n_windows
+    if found != windows:
+        told = N_("expected {0} windows to let go, as the page said; there are {1} now")
+        raise ConflictError(told.format(windows, found))
     return done(f"/jobs/{on.purges.begin(request.state.caller.name).id}", "begun")
 
 

@@ -13,6 +13,7 @@ from monitor_core.recordings.calibration_file import calibration_from_document
 from service.documents.stored_measurement import StoredMeasurement
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.evidence import _stored_gates
+from service.web import measurement as measurement_page
 from tests.browser.states import CONFIGURATION, HEALTHY, WORN, measure, measurement
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 
@@ -127,16 +128,28 @@ def test_where_waveforms_are_gone_the_evidence_says_so(tmp_path: Path) -> None:
         assert api.http.get(f"/axes/axis/measurements/{number}", headers={"accept": "text/html"}).status_code == 200
 
 
-def test_the_one_that_is_compared_is_chosen_in_the_list_though_it_is_none_of_the_history(tmp_path: Path) -> None:
-    """Three of the axis' own, and one whose preload was set on purpose, which no history shows."""
+def test_every_other_measurement_is_there_to_compare_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of its own and one whose preload was set on purpose; then more than the list holds."""
     rng = np.random.default_rng(7)
     with running_service(tmp_path / "var") as api:
         api.register("axis", **CONFIGURATION)
         api.calibrate("axis")
-        for day, set_preload in enumerate((None, None, None, 250.0)):
+
+        def taken(day: int, set_preload: float | None) -> None:
             at = START + timedelta(days=day)
-            windows = simulated_measurement(rng, f"m{day}", n_windows=4, started_at=at, set_preload=set_preload)
-            api.accept("axis", windows)
-        own, *_, on_purpose = (point["measurement_id"] for point in api.trend("axis"))
-        page = api.http.get(f"/axes/axis/measurements/{own}", params={"with": on_purpose}).text
+            api.accept("axis", simulated_measurement(
+                rng, f"m{day}", n_windows=4, started_at=at, set_preload=set_preload
+            ))  # fmt: skip
+
+        taken(0, None)
+        taken(1, 250.0)
+        own, on_purpose = (point["measurement_id"] for point in api.trend("axis"))
+        address = f"/axes/axis/measurements/{own}"
+        (listed,) = re.findall(r'<option value="(\d+)">(.*)</option>', api.http.get(address).text)
+        assert int(listed[0]) == on_purpose
+        assert listed[1].endswith("set to 250 N")
+        monkeypatch.setattr(measurement_page, "MOST_SHOWN", 1)
+        taken(2, None)
+        taken(3, None)
+        page = api.http.get(address, params={"with": on_purpose}).text
         assert re.findall(r'<option value="(\d+)" selected>', page) == [str(on_purpose)]

@@ -108,7 +108,8 @@ def test_the_files_of_a_recording_are_removed_from_its_page(api: Api, tmp_path: 
     (uploaded,) = api.http.get("/v1/axes/axis/recordings").json()["recordings"]
     number = uploaded["id"]
     page = f"/axes/axis/import/{number}"
-    assert sent(api, f"{page}/remove") == "/axes/axis/import?done=removed"
+    assert api.http.post(f"{page}/remove").status_code == 422  # no tick
+    assert sent(api, f"{page}/remove", known="true") == "/axes/axis/import?done=removed"
     assert api.http.get(f"/v1/axes/axis/recordings/{number}").status_code == 404
 
 
@@ -128,8 +129,13 @@ def test_a_session_is_replayed_from_the_page_of_stored_periods(tmp_path: Path) -
 def test_a_purge_is_begun_from_the_page_of_the_system(tmp_path: Path, days: int | None) -> None:
     with running_service(tmp_path, keep_raw_days=days) as api:
         assert "/system/purges" not in api.http.get("/system").text  # nothing is old enough
+        assert api.http.post("/system/purges", data={"windows": "0"}).status_code == 422  # no tick
+        asked = {"windows": "1", "known": "true"}
+        refused = api.http.post("/system/purges", data=asked, headers={"accept": "text/html", "accept-language": "de"})
+        assert refused.status_code == 409
+        assert "jetzt sind es 0" in refused.text
         if days is None:
-            assert api.http.post("/system/purges").status_code == 409
+            assert api.http.post("/system/purges", data={"windows": "0", "known": "true"}).status_code == 409
         else:
-            job = sent(api, "/system/purges")
+            job = sent(api, "/system/purges", windows=0, known="true")
             assert api.http.get(f"/v1{job.partition('?')[0]}").json()["kind"] == "purge"
