@@ -76,8 +76,8 @@ def test_recorded_speed_and_torque_are_those_of_the_drive_up_to_the_filter():
     [
         (0.05, 0.3, {"gain": 5000.0}, "the speed loop is unstable or does not follow the motion"),
         (0.05, 0.3, {"sample_rate": 400e3}, "sample_rate must not exceed that of the lines"),
-        (0.05, 1e-6, {}, "a motion must last for two samples, 0.001 s; got 1e-06 s"),
-        (0.05, 8e-5, {}, "a motion must last for two samples, 0.001 s; got 8e-05 s"),
+        (0.05, 1e-6, {}, "a motion must last for four samples, 0.002 s; got 1e-06 s"),
+        (0.05, 8e-5, {}, "a motion must last for four samples, 0.002 s; got 8e-05 s"),
     ],
 )
 def test_a_motion_that_no_session_can_be_made_of_is_refused(speed, duration, changes, message):

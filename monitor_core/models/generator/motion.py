@@ -68,8 +68,8 @@ def simulate_motion(
         raise OutsideValidityError(f"sample_rate must not exceed that of the lines, {1.0 / step:g} Hz; got {rate:g} Hz")
     averaged = max(1, int(1.0 / (_VALUES_IN_A_SAMPLE * rate * step)))
     n_averages = int(profile.duration / (step * averaged))
-    if min(n_averages, profile.duration * rate) < 2.0:
-        raise OutsideValidityError(f"a motion must last for two samples, {2.0 / rate:g} s; got {profile.duration:g} s")
+    if min(n_averages, profile.duration * rate) < 4.0:
+        raise OutsideValidityError(f"a motion must last for four samples, {4.0 / rate:g} s; got {profile.duration:g} s")
     if n_averages * averaged > MOST_STEPS:
         raise OutsideValidityError(
             f"a motion must not exceed {MOST_STEPS * step:.0f} s with this model; got {profile.duration:g} s"
@@ -114,7 +114,7 @@ def simulate_motion(
     at = np.arange(int(n_averages * every * rate)) / rate
     place = (np.arange(n_averages) + 0.5 - 0.5 / averaged) * every
     # between two values a straight line takes away a hundredth at the cut-off, a cubic nothing that counts
-    channels = scipy.interpolate.CubicSpline(place, scipy.signal.sosfilt(smooth, values, axis=1), axis=1)
+    channels = scipy.interpolate.make_interp_spline(place, scipy.signal.sosfilt(smooth, values, axis=1), axis=1)
     commanded, _, *others = channels(at)
     return RecordedMotion(at, commanded, channels(at + 0.5 * step)[1], *others)  # a speed is half a step old
 
