@@ -8,12 +8,14 @@ Motion at one speed, there and back. Neither an accelerometer nor a calibration 
   what repeats so often in a turn, whatever the speed does (order analysis, ISO 13373-2). Over time the same stretches
   are transformed as well: a line that is taller there, as of the mains, is no order, and is taken out.
 
-A line of amplitude A in M stretches with a noise floor F, the mean square of what noise alone makes there, has
+A line of amplitude A in M independent stretches with a noise floor F, the mean square of what noise alone makes there,
+has
 
 .. math:: 2 M \bar P / F \sim \chi^2_{2M}(2 M A^2 / F)
 
 with the mean P̄ of the squared amplitudes of the stretches. It is there where chance alone would seldom show as much,
-and the interval of A is that of the noncentrality.
+and the interval of A is that of the noncentrality. A screw that is rough over the place is as rough in each travel: J
+travels of one section, of whose floor the part q is the same in each, are J/(1 + q(J − 1)) independent ones.
 """
 
 import math
@@ -24,7 +26,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.cross_checks import refuse_wraps
 from monitor_core.errors import OutsideValidityError
 from monitor_core.preload.drag_torque import FEWEST_PAIRS, mean_of, velocity_of
@@ -329,9 +331,10 @@ def _by_places(values: FloatArray) -> Estimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stretch:
-    """A part of a travel, ready to be transformed."""
+    """A section of the screw in one travel, ready to be transformed."""
 
-    angle: FloatArray  # [turns]
+    section: tuple[bool, int]  # whether it was gone forward, and which
+    angle: FloatArray  # of one origin in all stretches [turns]
     time: FloatArray  # [s]
     torque: FloatArray  # without mean and slope
     taper: FloatArray  # by the way; its sum is 2, so that a transform is an amplitude
@@ -339,17 +342,17 @@ class _Stretch:
     @property
     def speed(self) -> float:
         """Mean speed [turns/s]."""
-        return float(self.angle[-1] / self.time[-1])
+        return float((self.angle[-1] - self.angle[0]) / self.time[-1])
 
-    def power(self, variable: FloatArray, first: float, step: float, n: int) -> FloatArray:
-        """Return the squared amplitudes at n frequencies over angle or time."""
+    def transform(self, variable: FloatArray, first: float, step: float, n: int) -> ComplexArray:
+        """Return the complex amplitudes at n frequencies over angle or time."""
         turned = self.taper * self.torque * np.exp(-2j * math.pi * first * variable)
         on = np.exp(-2j * math.pi * step * variable)
         sums = np.empty(n, dtype=np.complex128)
         for number in range(n):
             sums[number] = turned.sum()
             turned *= on
-        return np.abs(sums) ** 2
+        return sums
 
     def without(self, variable: FloatArray, frequency: float) -> "_Stretch":
         """Return the stretch without its line of a frequency over angle or time."""
@@ -370,7 +373,8 @@ def _spectrum(travels: Sequence[_Travel], screw: Screw) -> OrderSpectrum | Rejec
             f"in each; got {shortest:.1f} turns with {samples:.1f}",
             RejectionReason.TOO_FEW_AVERAGES,
         )
-    stretches = [each for travel in travels for each in _cut(travel, screw.lead, turns)]
+    origin = min(float(t.position.min()) for t in travels)
+    stretches = [each for travel in travels for each in _cut(travel, screw.lead, turns, origin)]
     step = 1.0 / math.ceil(_FINENESS * turns)  # whole orders are among the lines
     orders: FloatArray = step * np.arange(math.floor(highest / step) + 1.0)
     ripples, told = list[tuple[float, float]](), list[OrderLine]()
@@ -384,28 +388,34 @@ def _spectrum(travels: Sequence[_Travel], screw: Screw) -> OrderSpectrum | Rejec
             told.append(line)
             stretches = [each.without(each.angle, line.order) for each in stretches]
         lines = _Lines.of(stretches, orders, turns, screw.names, tuple(frequency for frequency, _ in ripples))
-    names = {name: line for line in told for name in line.name.split(OR)}
+    names = dict[str, OrderLine]()  # of two in the range of one name the higher, which was told first, has it
+    for line in told:
+        for name in line.name.split(OR):
+            names.setdefault(name, line)
     named = [names.get(name) or lines.line(name) for name in screw.names]
-    others = [line for line in told if not line.name][:_MOST_OTHERS]
+    others = [replace(line, name="") for line in told if not line.name or line not in names.values()][:_MOST_OTHERS]
     lines_told = dict.fromkeys([*(line for line in named if line is not None), *others])
     amplitudes = np.sqrt(whole.powers.mean(axis=0))
     return OrderSpectrum(orders, amplitudes, tuple(lines_told), tuple(ripples), turns, n_stretches=len(stretches))
 
 
-def _cut(travel: _Travel, lead: float, turns: float) -> Iterator[_Stretch]:
-    """Cut a travel into stretches of so many turns."""
-    angle = (travel.position - travel.position[0]) * math.copysign(1.0 / lead, travel.speed)
-    edges = turns * np.arange(math.floor(angle[-1] / turns + 1e-9) + 1)
-    at = np.minimum(np.searchsorted(np.maximum.accumulate(angle), edges), angle.size - 1)
+def _cut(travel: _Travel, lead: float, turns: float, origin: float) -> Iterator[_Stretch]:
+    """Cut a travel into stretches of so many turns, from its lower end on: the same places there and back."""
+    sense = math.copysign(1.0, travel.speed)
+    angle = sense * travel.position / lead
+    lowest, highest = np.sort(travel.position[[0, -1]] / lead).tolist()
+    places = np.sort(sense * (lowest + turns * np.arange(math.floor((highest - lowest) / turns + 1e-9) + 1.0)))
+    at = np.minimum(np.searchsorted(np.maximum.accumulate(angle), places), angle.size - 1)
     for begin, end in pairwise(at.tolist()):
-        of, torque = angle[begin : end + 1] - angle[begin], travel.torque[begin : end + 1]
-        taper = (1.0 - np.cos(2.0 * math.pi * of / of[-1])) * np.gradient(of)
+        of, torque = angle[begin : end + 1], travel.torque[begin : end + 1]
+        gone = of - of[0]
+        taper = (1.0 - np.cos(2.0 * math.pi * gone / gone[-1])) * np.gradient(of)
         taper *= 2.0 / taper.sum()
-        centred = of - 0.5 * of[-1]
+        centred = gone - 0.5 * gone[-1]
         slope = float((taper * centred) @ torque) / float((taper * centred) @ centred)
-        yield _Stretch(
-            of, np.arange(of.size) / travel.rate, torque - 0.5 * float(taper @ torque) - slope * centred, taper
-        )
+        torque = torque - 0.5 * float(taper @ torque) - slope * centred
+        section = round((float(travel.position[[begin, end]].min()) - origin) / (lead * turns))
+        yield _Stretch((sense > 0.0, section), of, np.arange(of.size) / travel.rate, torque, taper)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -415,6 +425,8 @@ class _Lines:
     stretches: Sequence[_Stretch]
     orders: FloatArray
     powers: FloatArray  # shape (n_stretches, n_orders)
+    alike: tuple[FloatArray, FloatArray]  # over orders: power that travels of one section have in common, and all of it
+    n_sections: int
     lobe: float  # half the width of a line [1/turn]
     names: dict[str, float]
     ripples: tuple[float, ...]  # that were taken out [Hz]
@@ -425,8 +437,17 @@ class _Lines:
         ripples: tuple[float, ...] = (),
     ) -> "_Lines":  # fmt: skip
         """Transform stretches over the angle."""
-        powers = np.array([each.power(each.angle, 0.0, float(orders[1]), orders.size) for each in stretches])
-        return cls(stretches, orders, powers, _LOBE / turns, names, ripples)
+        found = np.array([each.transform(each.angle, 0.0, float(orders[1]), orders.size) for each in stretches])
+        powers = np.abs(found) ** 2
+        common, whole = np.zeros((2, orders.size))
+        sections = [each.section for each in stretches]
+        for section in set(sections):
+            of = [at == section for at in sections]
+            own = powers[of].sum(axis=0)
+            common += np.abs(found[of].sum(axis=0)) ** 2 - own
+            whole += (sum(of) - 1.0) * own
+        n_sections = len({number for _, number in sections})
+        return cls(stretches, orders, powers, (common, whole), n_sections, _LOBE / turns, names, ripples)
 
     def highest(self, told: Sequence[OrderLine]) -> OrderLine | None:
         """Return the highest line that stands out beside those told already; None if there is none."""
@@ -470,11 +491,11 @@ class _Lines:
         order, power = float(self.orders[at]), float(powers[at])
         if last > first or not name:
             order, power = _top(self.orders, powers, at)
-        floor, n_values = self._floor(order)
+        floor, n_values, travels = self._floor(order)
         if n_values < _FEWEST_FLOOR or not floor > 0.0:
             return None
-        m = 2.0 * sum(usable)
-        freedom = 2.0 * _MEDIAN_EFFICIENCY * len(self.stretches) * n_values
+        m = 2.0 * sum(usable) / travels
+        freedom = 2.0 * _MEDIAN_EFFICIENCY * len(self.stretches) / travels * n_values
         chance = float(scipy.special.fdtrc(m, freedom, power / floor))
         looks = 1.0 + 2.0 * (high - low if name else float(self.orders[-1])) / self.lobe
         is_there = chance * looks < _CHANCE
@@ -490,8 +511,11 @@ class _Lines:
             told_from_time=power > (1.0 + margin) * height,
         )  # fmt: skip
 
-    def _floor(self, order: float) -> tuple[float, int]:
-        """Return the mean square of noise around an order, from the median of lines that know nothing of each other."""
+    def _floor(self, order: float) -> tuple[float, int, float]:
+        """Return the mean square of noise around an order, of how many values, and how many travels tell what one does.
+
+        The median of lines that know nothing of each other.
+        """
         begin = _BESIDE / _LOBE * self.lobe
         beside = np.arange(begin, max(_FLOOR_REACH, 2.0 * begin + 2.0 * self.lobe), self.lobe)
         places = np.concatenate([order - beside[::-1], order + beside])
@@ -500,10 +524,15 @@ class _Lines:
             if abs(other - order) > 0.5 * self.lobe:
                 places = places[np.abs(places - other) >= self.lobe]
         if not places.size:
-            return 0.0, 0
-        values = self.powers.mean(axis=0)[np.rint(places / self.orders[1]).astype(np.intp)]
+            return 0.0, 0, 1.0
+        at = np.rint(places / self.orders[1]).astype(np.intp)
+        common, whole = (float(of[at].sum()) for of in self.alike)
+        # of one travel each way nothing tells: the same
+        q = min(max(common / whole, 0.0), 1.0) if whole > 0.0 else 1.0
+        travels = 1.0 + q * (len(self.stretches) / self.n_sections - 1.0)
         # the median of a mean of M squared amplitudes (Wilson & Hilferty 1931)
-        return float(np.median(values)) / (1.0 - 1.0 / (9.0 * len(self.stretches))) ** 3, places.size
+        shift = (1.0 - travels / (9.0 * len(self.stretches))) ** 3
+        return float(np.median(self.powers.mean(axis=0)[at])) / shift, places.size, travels
 
     def over_time(self, order: float) -> tuple[float, float, float]:
         """Return frequency [Hz] and squared amplitude of the line over time, and the part by which that may be off."""
@@ -512,11 +541,11 @@ class _Lines:
         step = 1.0 / (_FINENESS * length)
         first = order * min(speeds) - _LOBE / length
         n = math.ceil((order * max(speeds) + _LOBE / length - first) / step)
-        power = np.mean([each.power(each.time, first, step, n) for each in self.stretches], axis=0)
+        power = np.mean([np.abs(each.transform(each.time, first, step, n)) ** 2 for each in self.stretches], axis=0)
         at = int(np.argmax(power))
         frequency, height = _top(first + step * np.arange(float(n)), power, at)
-        floor, _ = self._floor(order)
-        return frequency, height, _TALLER + _DEVIATIONS * math.sqrt(floor / (len(self.stretches) * height))
+        floor, _, travels = self._floor(order)
+        return frequency, height, _TALLER + _DEVIATIONS * math.sqrt(floor * travels / (len(self.stretches) * height))
 
 
 def _top(places: FloatArray, power: FloatArray, at: int) -> tuple[float, float]:

@@ -31,6 +31,8 @@ class Travels:
     mains: float = 0.0  # amplitude of 50 Hz [N·m]
     noise: float = 0.02  # standard deviation, of samples [N·m]
     colour: float = 0.0  # autoregression of the noise from sample to sample
+    texture: float = 0.0  # standard deviation of the friction from grain to grain of the screw [N·m]
+    grain: float = 0.0005  # [m]
     of_pass: float = 0.0  # standard deviation of the friction from pass to pass [N·m]
 
 
@@ -39,6 +41,7 @@ def go(how, rng):
     torque, position = [], []
     phases = {order: rng.uniform(0.0, 2.0 * np.pi) for order in how.orders}
     clock = rng.uniform(0.0, 10.0)
+    grains = how.texture * rng.spawn(1)[0].normal(size=int(how.stroke / how.grain) + 2)
     for number in range(2 * how.passes):
         sense = 1.0 if number % 2 == 0 else -1.0
         speed = how.speed * (1.0 + how.spread * rng.uniform(-1.0, 1.0))
@@ -57,6 +60,7 @@ def go(how, rng):
         t = clock + np.arange(x.size) / how.rate
         accelerating = np.gradient(np.gradient(x, 1.0 / how.rate), 1.0 / how.rate)
         friction = how.drag * (1.0 + how.of_place * np.cos(2.0 * np.pi * place / how.stroke))
+        friction += np.interp(place / how.grain, np.arange(grains.size), grains)
         of_torque = sense * (friction + how.of_pass * rng.normal() + 0.2 * accelerating) + how.weight
         for order, amplitude in how.orders.items():
             # what is no whole number of times in a turn is the balls, which come back otherwise each time

@@ -167,6 +167,35 @@ def test_two_names_too_near_each_other_are_one_line():
     assert [line.name for line in reading.spectrum.lines if line.is_there] == ["screw × 3 or balls past the nut"]
 
 
+def test_the_larger_of_two_lines_in_the_range_of_one_name_has_it():
+    balls = Screw(0.010, 0.003, 0.036).names["balls past the nut"]
+    how = Travels(stroke=0.3, orders={0.985 * balls: 0.03, 1.01 * balls: 0.006})
+    torque = window(*go(how, np.random.default_rng(10)), how.rate)
+    found = [line for line in read_torque([torque], Screw(0.010, 0.003, 0.036)).spectrum.lines if line.order > 10.0]
+    named, other = (line for line in found if line.is_there)
+    assert (named.name, other.name) == ("balls past the nut", "")
+    assert named.lower <= 0.03 <= named.upper
+    assert other.lower <= 0.006 <= other.upper
+
+
+@pytest.mark.parametrize("draws", canary([8, 300]))
+@pytest.mark.parametrize("passes", [1, 4])
+def test_a_screw_that_is_rough_over_the_place_has_no_orders(draws, passes):
+    rng, false, covered = np.random.default_rng(2), 0, 0
+    for _ in range(draws):
+        lead = float(rng.choice([0.005, 0.010, 0.020]))
+        how = Travels(
+            lead, lead * float(rng.choice([12, 15, 25, 45])), 5.0 * lead, passes, rate=500.0, spread=0.1,
+            orders={1: 0.01}, texture=0.02, grain=lead / 40.0, noise=0.002,
+        )  # fmt: skip
+        spectrum = read_torque([window(*go(how, rng), how.rate)], Screw(lead)).spectrum
+        covered += sum(line.lower <= 0.01 <= line.upper for line in spectrum.lines if line.name == "screw")
+        false += sum(line.is_there for line in spectrum.lines if line.name != "screw")
+    # two names and the whole spectrum: three judgements at one in a thousand each; of 300 draws four in 99 of 100
+    assert false <= (4 if draws >= 300 else 0)
+    assert covered >= 0.92 * draws
+
+
 # ---- wiring, refusals, a real axis ----------------------------------------------------------------------------------
 
 
