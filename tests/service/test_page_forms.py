@@ -34,6 +34,7 @@ OF_FORM = {
     "/axes/{axis}/import/{recording}": ("POST", f"{AXIS}/recordings/{{recording}}/import"),
     "/axes/{axis}/import/{recording}/remove": ("DELETE", f"{AXIS}/recordings/{{recording}}"),
     "/axes/{axis}/lost-motion": ("POST", f"{AXIS}/lost-motion"),
+    "/axes/{axis}/torque/{quantity}/found-in-order": ("POST", f"{AXIS}/torque/{{quantity}}/found-in-order"),
     "/axes/{axis}/settings": ("PUT", AXIS),
     "/axes/{axis}/settings/review": ("PUT", AXIS),
     "/axes/{axis}/stored/pins": ("POST", f"{AXIS}/pins"),
