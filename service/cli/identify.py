@@ -58,7 +58,7 @@ def _prediction(_context: click.Context, _option: click.Parameter, text: str | N
         return None
     try:
         stated = tomllib.loads(f"prediction = {{ {text} }}")["prediction"]
-        return PredictionIn.model_validate_json(json.dumps(stated)).to_core()
+        return PredictionIn.model_validate_json(json.dumps(stated, default=str)).to_core()
     except tomllib.TOMLDecodeError as error:
         raise click.BadParameter(f"expected a table such as 'mode_hz = [120, 260], …'; {error}") from error
     except ValidationError as error:

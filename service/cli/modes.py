@@ -88,6 +88,8 @@ def modes(
         require_target(out, _FILES[show], inputs=[model], ending_needed=True)
     if band_hz is not None and show not in _FILES:
         raise click.UsageError("--band-hz goes with --show matrix or state-space")
+    if seconds_mm and show != "modes":
+        raise click.UsageError("--second-position-mm goes with --show modes")
     drive = built_model(model, effects_path)
     stacks: list[tuple[float | None, DriveModel]] = [(y, second_axis_at(drive, metres(y))) for y in seconds_mm]
     stacks = stacks or [(None, drive)]

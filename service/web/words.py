@@ -171,6 +171,12 @@ def _marked_alone(texts: NullTranslations, text: str) -> Markup:
 _PLACE: Final = re.compile(r"%\((\w+)\)s|\{(\w+)[^{}]*\}")
 #: What joins sentences and values, each known by itself.
 _JOINTS: Final = {"; ": "; ", ", or ": N_(", or "), ", ": ", ", " and ": N_(" and "), " or ": N_(" or "), ". ": ". "}
+_QUOTED: Final = re.compile(r"'[^']*'|\"[^\"]*\"|“[^”]*”")
+#: Words that English sentences are made of, and names are not: with one, a value is no name, and would stay English.
+_ENGLISH: Final = re.compile(
+    r"\b(the|an|of|is|are|be|been|has|have|must|cannot|and|or|not|with|from|for|by|to|than|as|at|it|its|that|this|these"
+    r"|which|what|where|each|every|one|but|there|got|expected)\b"
+)
 _DECIMAL: Final = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w.]*\d)")
 
 
@@ -218,7 +224,7 @@ def _told(words: Words, sentence: str, *, names: bool = False) -> str | None:
     """
     if (text := _catalogue(words.texts).get(sentence)) is not None:
         return text
-    if not re.search(r"[^\W\d_]{3}", sentence):  # numbers and units
+    if not re.search(r"[^\W\d_]{3}", sentence) and not _ENGLISH.search(sentence):  # numbers and units
         return _number(words, sentence)
     for joint, translated in _JOINTS.items():
         parts = sentence.split(joint) if joint in sentence else ()
@@ -231,15 +237,17 @@ def _told(words: Words, sentence: str, *, names: bool = False) -> str | None:
                 return template.filled(told)
     head, mark, rest = sentence.partition(": ")
     said = _told(words, rest, names=names) if mark else None
-    return None if said is None else f"{_value(words, head, names=True)}{mark}{said}"
+    named = None if said is None else _value(words, head, names=True)
+    return None if named is None else f"{named}{mark}{said}"
 
 
 def _value(words: Words, value: str, *, names: bool) -> str | None:
     """Return a value of a sentence: in its language if it is one itself, else as a number or as somebody called it."""
-    if value[:1] in ("'", '"', "“"):
-        return value
-    found = _told(words, value)
-    return value if found is None and (names or " " not in value.strip()) else found
+    unquoted = _QUOTED.sub("", value)
+    is_quoted = value[:1] in ("'", '"', "“")
+    found = None if is_quoted else _told(words, value)
+    is_name = is_quoted or names or " " not in value.strip()
+    return value if found is None and is_name and not _ENGLISH.search(unquoted) else found
 
 
 def _number(words: Words, text: str) -> str:

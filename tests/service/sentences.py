@@ -21,6 +21,7 @@ from tests.conftest import PROJECT_ROOT
 #: Where sentences of pages are written.
 WRITES: tuple[str, ...] = (
     "monitor_core", "service/documents", "service/operations", "service/errors.py", "service/jobs.py", "service/api",
+    "service/store/alarms.py", "service/store/axes.py", "service/store/jobs.py", "service/store/lookup.py",
 )  # fmt: skip
 #: What is written there and reaches no page: the report of `explain` and what it is made of, code that is generated,
 #: models that commands alone fit, bodies and tables of programs, and what people of the trial say.

@@ -365,6 +365,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(preload: Any, tmp_path: Pa
         ((PEAKS, "--model", MODEL, "--calibration", "a.json"), "--calibration and --prediction go together"),
         ((PEAKS, "--model", MODEL, "--prediction", "mode_hz = [1"), "expected a table such as"),
         ((PEAKS, "--model", MODEL, "--prediction", "mode_hz = [1, 2]"), "preload_n: Field required"),
+        ((PEAKS, "--model", MODEL, "--prediction", "mode_hz = 2020-01-01"), "mode_hz: "),
     ]:
         with subtests.test(words=words, complaint=complaint):
             out = tmp_path / "found.toml"

@@ -191,6 +191,7 @@ def test_laws_of_fig_7_with_range_and_residual(preload: Any) -> None:
         ("hybrid", ("--show", "state-space", "--modes", 3), "must be 1 to 2"),
         ("hybrid", ("--show", "laws"), "two positions or more"),
         ("hybrid", ("--out", "g.csv"), "--out goes with --show"),
+        ("hybrid", ("--show", "laws", "--second-position-mm", 100), "--second-position-mm goes with --show modes"),
     ],
 )
 def test_what_a_drive_cannot_show_is_refused(preload: Any, model: str, words: tuple[Any, ...], complaint: str) -> None:

@@ -3,6 +3,7 @@
 ``python -m tests.service.test_words`` adds what is new in the sources to every language, untranslated.
 """
 
+import ast
 import re
 from html.parser import HTMLParser
 
@@ -17,7 +18,7 @@ from service.web.shown import number, percent, say, with_interval
 from service.web.site import environment
 from service.web.words import LANGUAGES, words_for
 from tests.conftest import PROJECT_ROOT
-from tests.service.sentences import said_by_program
+from tests.service.sentences import said_by_program, sentences_of
 
 TEMPLATES = PROJECT_ROOT / "service" / "web" / "templates"
 #: Drawn by a program of others, which has its own words.
@@ -152,6 +153,39 @@ def test_values_have_the_digits_that_their_interval_warrants() -> None:
 def test_what_people_wrote_is_escaped_in_a_sentence() -> None:
     said = Said("%(who)s did it", {"who": "<script>"})
     assert str(say(words_for("en"), said)) == "&lt;script&gt; did it"
+
+
+#: What may stand in a place.
+VALUES = ("7.5", "Y-axis", "'x'")
+#: Words that English sentences are made of and German ones are not.
+ENGLISH = re.compile(r"\b(the|of|is|and|with|are|has|been|which|than|its|must|each|expected)\b")
+PLACE = re.compile(r"%\(\w+\)s|\{[^{}]*\}")
+#: German texts that name what is English: a page of the documentation.
+ENGLISH_NAMES = re.compile("keep and let go")
+
+
+def test_a_sentence_is_german_as_a_whole_or_english_as_a_whole() -> None:
+    words = words_for("de")
+    every = {text for path in (PROJECT_ROOT / "service", PROJECT_ROOT / "monitor_core") for file in path.rglob("*.py")
+             for text in sentences_of(ast.parse(file.read_text(encoding="utf-8")))}  # fmt: skip
+    every |= {"expected the reversal value and half of its interval", "the disk is full and the network is down"}
+    said = {PLACE.sub(value, text): str(words.told(PLACE.sub(value, text))) for text in every for value in VALUES}
+    translated = {sentence: german for sentence, german in said.items() if not german.startswith('<span lang="en">')}
+    assert len(translated) > 1000
+    assert not [german for german in translated.values() if ENGLISH.search(ENGLISH_NAMES.sub("", german))]
+
+
+@pytest.mark.parametrize(
+    ("english", "german"),
+    [
+        ("no axis 'a' is registered; register it with PUT /v1/axes/a",
+         "keine Achse „a“ ist angelegt; anlegen mit PUT /v1/axes/a"),
+        ("axis 'a' has no measurement 7", "Achse „a“: Messung 7 gibt es dort nicht"),
+        ("there is no alarm 7", "Alarm 7 gibt es nicht"),
+    ],
+)  # fmt: skip
+def test_what_is_not_there_is_said_in_german(english: str, german: str) -> None:
+    assert words_for("de").told(english) == german
 
 
 @pytest.mark.parametrize(
