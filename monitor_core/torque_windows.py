@@ -199,21 +199,34 @@ def read_torque(windows: Sequence[Window], screw: Screw) -> TorqueReading | Reje
     The excitation is a torque, force or current of the motor; the position is the position trace, or else the response,
     where that is the motor angle or the displacement of the table. Each window holds whole travels.
     """
-    for window in windows:
-        if window.excitation_quantity is ExcitationQuantity.ACCELERATION:
-            return _refused("expected torque, force or current of the motor; got a commanded acceleration")
-        if (refusal := refuse_wraps(window)) is not None:
-            return refusal
+    if (refusal := _refuse_channels(windows)) is not None:
+        return refusal
     places = [_position(window, screw) for window in windows]
     if any(place is None for place in places):
         return _refused(
             "expected the position as a trace, motor angle or displacement; got " + windows[0].response_quantity
+        )
+    traces = [*(window.excitation for window in windows), *(place for place in places if place is not None)]
+    if lost := sum(int(np.count_nonzero(~np.isfinite(trace))) for trace in traces):
+        return _refused(
+            f"expected finite samples of torque and position; got {lost} that are not", RejectionReason.NOT_FINITE
         )
     travels = _travels([(window, place) for window, place in zip(windows, places, strict=True) if place is not None])
     if not travels:
         return _refused("expected travels at one speed; got none", RejectionReason.TOO_FEW_AVERAGES)
     unit = windows[0].excitation_quantity.unit
     return TorqueReading(_profile(travels, screw.lead), _spectrum(travels, screw), unit)
+
+
+def _refuse_channels(windows: Sequence[Window]) -> Rejection | None:
+    for window in windows:
+        if window.excitation_quantity is ExcitationQuantity.ACCELERATION:
+            return _refused("expected torque, force or current of the motor; got a commanded acceleration")
+        if (refusal := refuse_wraps(window)) is not None:
+            return refusal
+    if len({window.excitation_quantity for window in windows}) > 1:
+        return _refused("expected one quantity of the motor in all windows; got several")
+    return None
 
 
 def _refused(detail: str, reason: RejectionReason = RejectionReason.EXCITATION_SOURCE_MISMATCH) -> Rejection:

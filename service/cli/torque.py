@@ -119,7 +119,7 @@ class _Measured:
         return document
 
     def readings(self) -> list[JsonObject]:
-        """Return what the service charts of it: drag torque, and the orders of screw and balls."""
+        """Return what the service charts of it: drag torque, and the orders of screw and balls that are no ripple."""
         if isinstance(self.outcome, Rejection) or isinstance(self.outcome.profile, Rejection):
             return []
         profile, spectrum = self.outcome.profile, self.outcome.spectrum
@@ -128,7 +128,8 @@ class _Measured:
         told = [("drag-torque", profile.drag.value, profile.drag.standard_uncertainty, ends, min(profile.n_travels))]
         if not isinstance(spectrum, Rejection):
             for quantity, name in _CHARTED.items():
-                for line in (line for line in spectrum.lines if name in line.name.split(OR)):
+                of_name = (line for line in spectrum.lines if name in line.name.split(OR))
+                for line in (line for line in of_name if line.told_from_time or not line.is_there):
                     width = (line.upper - line.lower) / (2.0 * _NORMAL)
                     told.append((quantity, line.amplitude, width, (line.lower, line.upper), spectrum.n_stretches))
         stated: JsonObject = {

@@ -225,10 +225,20 @@ def test_what_tells_neither_is_refused():
     still = window(torque, np.zeros_like(position), how.rate)
     commanded = window(torque, position, how.rate, excitation_quantity=ExcitationQuantity.ACCELERATION)
     lost = Window(torque, torque, how.rate, START, Conditions(0.3), "strokes")
-    for wrong, expected in ((still, "got none"), (commanded, "got a commanded"), (lost, "got acceleration")):
+    holed = window(np.where(np.arange(torque.size) == 500, np.nan, torque), position, how.rate)
+    nowhere = window(torque, np.where(np.arange(torque.size) < 2, np.nan, position), how.rate)
+    for wrong, expected in (
+        (holed, "got 1 that are not"),
+        (nowhere, "got 2 that are not"),
+        (still, "got none"),
+        (commanded, "got a commanded"),
+        (lost, "got acceleration"),
+    ):
         refusal = read_torque([wrong], Screw(how.lead))
         assert isinstance(refusal, Rejection)
         assert expected in refusal.detail
+    current = window(torque, position, how.rate, excitation_quantity=ExcitationQuantity.CURRENT)
+    assert "got several" in read_torque([window(torque, position, how.rate), current], Screw(how.lead)).detail
     short = read_torque([window(torque, position, how.rate)], Screw(how.lead))
     assert "got 1 each way over 2.5 turns" in short.profile.detail
     assert "got 2.5 turns" in short.spectrum.detail
