@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from click.core import ParameterSource
 
 from monitor_core.models import DriveConditions, DriveModel, NaturalFrequency
 from monitor_core.models.generator import (
@@ -97,8 +98,12 @@ def simulate(
     [simulation] in the model file states how it is recorded, dry friction and the loop.
     """
     require_target(out, "session file", inputs=[model], ending_needed=True)
-    if out.exists() and not force:
-        raise click.UsageError(f"{out} already exists; --force replaces it")
+    for target in (out, channels):
+        if target is not None and target.exists() and not force:
+            raise click.UsageError(f"{target} already exists; --force replaces it")
+    given = click.get_current_context().get_parameter_source("windows")
+    if motion_path is not None and given is ParameterSource.COMMANDLINE:
+        raise click.UsageError("--windows goes without --motion: the motion says how many there are")
     if channels is not None:
         if motion_path is None:
             raise click.UsageError("--channels goes with --motion")

@@ -66,7 +66,7 @@ def torque(
 
         readings = [reading for each in measured for reading in each.readings()]
         if not readings:
-            raise click.ClickException("nothing is sent: no measurement told friction or orders")
+            raise click.ClickException("nothing is sent: no measurement told the friction of travels both ways")
         with Client(url) as client:
             answer = client.post(f"/v1/axes/{axis}/torque", {"readings": readings})
         said = f"sent to axis {axis}: {answer['accepted']} new, {answer['already_there']} already there"

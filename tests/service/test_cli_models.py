@@ -394,6 +394,9 @@ def test_a_motion_is_followed_in_the_loop_and_its_session_shows_the_axis(preload
     assert np.ptp(channels["travel_m"]) == pytest.approx(0.0076, abs=0.001)
     preload(*words, "--channels", tmp_path / "c.svg")
     assert (tmp_path / "c.svg").read_text(encoding="utf-8").startswith("<svg")
+    assert_refused(preload(*words, "--windows", 2), "--windows goes without --motion")
+    kept = preload(*words[:-2], tmp_path / "new.session.h5", "--channels", tmp_path / "c.csv")
+    assert_refused(kept, "c.csv already exists; --force replaces it")
 
 
 def test_a_model_without_damping_is_told_so(preload: Any, undamped: Path, tmp_path: Path) -> None:
