@@ -104,7 +104,7 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
         )
     with_table = (1.0 - screw.axial_mass_share) * screw.mass_per_length * screw.length
     payload = conditions.payload_mass + np.where(conditions.payload_mass > 0.0, added.payload_error, 0.0)
-    above = np.zeros_like(payload)
+    above = 0.0 * payload  # followed through slopes as the payload is
     if physics.second is not None and physics.second.carried:
         payload, above = above, payload
     moving_mass = bodies.table_mass + bodies.nut_mass + with_table + added.table_mass + payload
