@@ -91,6 +91,22 @@ class LostMotionQuery(ReadingQuery, TableQuery):
 class TorquesIn(RequestModel):
     """Readings of the torque of an axis, in any order."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "readings": [
+                        {
+                            "at": "2026-11-02T06:00:00Z", "measurement": "warm-up", "position_mm": 300.0,
+                            "speed_mm_per_s": 50.0, "quantity": "drag-torque", "value": 0.812, "unit": "N·m",
+                            "standard_uncertainty": 0.004, "interval_95": [0.804, 0.820], "n_repeats": 4,
+                        }
+                    ]
+                }
+            ]
+        }
+    )  # fmt: skip
+
     readings: Annotated[list[TorqueIn], Field(min_length=1, max_length=MOST_AT_ONCE)]
 
 
